@@ -162,10 +162,9 @@ def paper_channels() -> tuple[Channel, ...]:
     return (*body, *hubs)
 
 
-# Splits names of signals: ``Message.signal``, on some benches ``sensor.Message.signal`` -----------
+# Splits names of signals: ``Message.signal``, or ``sensor.Message.signal`` on a bench of sensors --
 #
-# A bench that is a list of sensors names a signal ``sensor.Message.signal`` and a message
-# ``sensor.Message``; names of sensors and signals hold no dot.
+# Names of sensors and signals hold no dot.
 
 
 def message_of(signal: str) -> str:

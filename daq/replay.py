@@ -13,7 +13,7 @@ import numpy as np
 from dbc import FrameBatch, FrameFlag
 from dbc.words import InputError
 
-from .bus.source import BLOCK_FRAMES, GATHER_S, BusError, HopLosses
+from .bus.source import BLOCK_FRAMES, GATHER_S, BusError, FrameSource
 from .journal.reader import read_windows, recordings
 from .sessions import Session
 
@@ -66,7 +66,10 @@ def play(
 
 
 def _send(bus: can.BusABC, message: can.Message) -> None:
-    """Send one frame, with growing pauses while the buffer of the bus is full."""
+    """Send one frame, with growing pauses while the buffer of the bus is full.
+
+    Raises BusError if it is full for 2 s, or the frame cannot be sent on this bus.
+    """
     from can import CanError
 
     pauses_s = (0.0005 * 2**k for k in range(12))  # 2 s in all
@@ -106,8 +109,8 @@ def whole_frames(session: Session, path: Path) -> FrameBatch:
     raise InputError(str(path), problem, advice)
 
 
-class RecordedSource:
-    """A recording as a `daq.bus.source.FrameSource`.
+class RecordedSource(FrameSource):
+    """A recording that is read as if it came from a bus; its losses are missing frames.
 
     Time stamps keep their intervals; gaps longer than `LONGEST_GAP_S` are shortened to it.
 
@@ -144,10 +147,3 @@ class RecordedSource:
         stop = int(np.searchsorted(self._due_s, time.monotonic() - self._start_s, "right"))
         self._next = min(stop, begin + BLOCK_FRAMES)
         return self._frames.select(slice(begin, self._next))
-
-    def losses(self) -> HopLosses:
-        """Return no losses: frames lost when recorded are missing from the recording."""
-        return HopLosses()
-
-    def close(self) -> None:
-        """Do nothing: no resource is held."""

@@ -115,7 +115,7 @@ class Watch:
         self._ranges = [ChannelRange(m) for m in used]
 
     def advance(self, config: RecorderConfig, cycle: Cycle) -> tuple[Event, ...]:
-        """Process one cycle; return its events."""
+        """Process one cycle; return the events of the alarms that begin or end."""
         now_s, batch = cycle.now.monotonic_s, cycle.batch
         self._t_ns = int(batch.t_ns[-1]) if len(batch) else self._t_ns or cycle.now.wall_ns
         counts: Counts = {}
@@ -133,29 +133,36 @@ class Watch:
         totals = self._totals(new, now_s)
         self.sensors_alive = self._traffic.alive(now_s)
         self.buses = tuple(bus.status(config.silent_s, now_s) for bus in self._bus_watches)
-        delivers = [
-            status.state in (BusState.OK, BusState.ERROR_PASSIVE) and now_s - bus.good_s < _QUIET_S
-            for bus, status in zip(self._bus_watches, self.buses, strict=True)
-        ]
+        symptoms: dict[Key, Finding] = {}
+        for symptom in self._symptoms(config, cycle, totals):  # the first of several of one key
+            symptoms.setdefault((symptom.code, symptom.subject), symptom)
+        return tuple(self._update_alarms(symptoms, new, totals, cycle.now))
+
+    def _symptoms(self, config: RecorderConfig, cycle: Cycle, totals: Counts) -> Iterator[Finding]:
+        """Yield the faults that are present in a cycle; find which buses deliver no good frames.
+
+        `totals`: counts of the last second.
+        """
+        now_s = cycle.now.monotonic_s
+        yield from _disk_symptoms(config, cycle.disk)
+        if (not_recording := _not_recording(cycle.storage)) is not None:
+            yield not_recording
+        for name, reason in cycle.failed.items():
+            yield fault("consumer_failed", name, reason)
+        delivers = []  # for each bus, whether it has good frames now
+        for bus, status in zip(self._bus_watches, self.buses, strict=True):
+            receives = status.state in (BusState.OK, BusState.ERROR_PASSIVE)
+            delivers.append(receives and now_s - bus.good_s < _QUIET_S)
+            yield from bus.symptoms(status, config.silent_s, now_s)
         self._quiet_buses = frozenset(
             self.buses[number].name
             for number in self._traffic.buses()
             if number < len(delivers) and not delivers[number]
         )
-        symptoms = list(_disk_symptoms(config, cycle.disk))
-        if (not_recording := _not_recording(cycle.storage)) is not None:
-            symptoms.append(not_recording)
-        symptoms += [fault("consumer_failed", name, why) for name, why in cycle.failed.items()]
-        for bus, status in zip(self._bus_watches, self.buses, strict=True):
-            symptoms += bus.symptoms(status, config.silent_s, now_s)
-        symptoms += self._traffic.symptoms(delivers, now_s)
+        yield from self._traffic.symptoms(delivers, now_s)
         for (code, subject), (number, detail) in totals.items():
             text = f"{number} {EXPLAINED[code].counted} in the last second"
-            symptoms.append(fault(code, subject, f"{text}: {detail}" if detail else text))
-        by_key: dict[Key, Finding] = {}
-        for symptom in symptoms:
-            by_key.setdefault((symptom.code, symptom.subject), symptom)
-        return tuple(self._update_alarms(by_key, new, totals, cycle.now))
+            yield fault(code, subject, f"{text}: {detail}" if detail else text)
 
     def _advance_buses(self, cycle: Cycle, counts: Counts) -> None:
         """Add the frames of each bus to its history, and their faults to the counts.

@@ -61,12 +61,12 @@ class HopLosses(NamedTuple):
         return Losses(self.bus_dropped, self.bus_garbled, self.queue_dropped)
 
     def plus(self, other: HopLosses) -> HopLosses:
-        """Return the sum of both."""
+        """Return the sums of two counts."""
         return HopLosses(*(a + b for a, b in zip(self, other, strict=True)))
 
     def since(self, before: HopLosses) -> HopLosses:
         """Return the losses since an earlier count."""
-        return HopLosses(*(now - then for now, then in zip(self, before, strict=True)))
+        return HopLosses(*(late - early for late, early in zip(self, before, strict=True)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,10 +106,12 @@ class FrameSource(Protocol):
         """
 
     def losses(self) -> HopLosses:
-        """Return the losses since the source was opened."""
+        """Return the losses since the source was opened; by default none."""
+        return HopLosses()
 
     def close(self) -> None:
-        """Release the interface; never raises."""
+        """Release the interface, if there is one; never raises."""
+        return  # mypy takes an empty body for an abstract method
 
 
 def wire_bits(frames: FrameBatch) -> NDArray[np.float64]:
@@ -122,7 +124,8 @@ def wire_bits(frames: FrameBatch) -> NDArray[np.float64]:
     if np.count_nonzero(fast):
         data_bits /= np.where(fast, 4, 1)
     is_extended = frames.flags & np.uint16(FrameFlag.EXTENDED) != 0
-    # A standard frame has 47 bits in addition to its data, an extended one 67; one stuff bit in 30.
+    # A standard frame has 47 bits in addition to its data, an extended one 67; usual payloads need
+    # one stuff bit in 30.
     return np.asarray((47 + 20 * is_extended + data_bits) * (31 / 30))
 
 
@@ -181,7 +184,8 @@ class SteadyClock:
     def _clocks(self) -> tuple[int, int]:
         """Return the monotonic time, and how far the wall clock is ahead of it, ns.
 
-        On a busy machine this thread may have to wait between the two: then they are read again.
+        On a busy machine this thread may have to wait between the two: they are then read again, up
+        to a hundred times, so that the difference is exact to half of `STEP_NS`.
         """
         for _ in range(100):
             monotonic_ns = self._monotonic_ns()
@@ -195,9 +199,10 @@ class SteadyClock:
         return self._monotonic_ns() + self._zero_ns
 
     def from_wall(self, wall_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Convert stamps of the wall clock, (n,) int64, made within the last `QUEUED_NS`.
+        """Return stamps of the wall clock on the time axis of this clock, ns, (n,) int64.
 
-        Stamps from before and after the wall clock was set may be mixed.
+        `wall_ns`, (n,): made within the last `QUEUED_NS`; stamps from before and after the wall
+        clock was set may be mixed.
         """
         monotonic_ns, offset_ns = self._clocks()
         with self._lock:
@@ -212,11 +217,11 @@ class SteadyClock:
             return wall_ns if offset_ns == zero_ns else wall_ns - (offset_ns - zero_ns)
         # Each stamp was made with the offset that gives the latest monotonic time not after now,
         # give or take 5 ms: the two clocks cannot be read at the same instant.
-        axis_ns = wall_ns[:, None] - np.array(offsets, np.int64)  # (n, offsets)
-        age_ns = monotonic_ns - axis_ns
+        made_ns = wall_ns[:, None] - np.array(offsets, np.int64)  # (n, offsets), monotonic
+        age_ns = monotonic_ns - made_ns
         age_ns = np.where(age_ns >= -5_000_000, age_ns, np.iinfo(np.int64).max)
         likeliest = age_ns.argmin(axis=1)[:, None]
-        return np.take_along_axis(axis_ns, likeliest, axis=1)[:, 0] + zero_ns
+        return np.take_along_axis(made_ns, likeliest, axis=1)[:, 0] + zero_ns
 
 
 STEADY_CLOCK = SteadyClock()
@@ -274,7 +279,10 @@ class Link:
         return self._facts
 
     def read(self, timeout_s: float) -> FrameBatch:
-        """Return the frames received; wait up to `timeout_s` for the first."""
+        """Return the frames received; wait up to `timeout_s` for the first; empty without a source.
+
+        A bus that is not open is opened instead; one that fails or is silent too long is closed.
+        """
         frames = FrameBatch.empty()
         if self._source is None:
             self._open(timeout_s)
@@ -345,8 +353,8 @@ class Link:
             source.close()
 
     def _losses(self) -> HopLosses:
-        now = HopLosses()
+        """Return the losses of the open source and of all that were closed."""
         if self._source is not None:
             with suppress(BaseException):
-                now = self._source.losses()
-        return self._closed_losses.plus(now)
+                return self._closed_losses.plus(self._source.losses())
+        return self._closed_losses

@@ -240,10 +240,7 @@ def _named(present: Sequence[FoundSensor]) -> list[FoundSensor]:
 
 
 def _head(
-    databases: Databases,
-    sensors: Sequence[FoundSensor],
-    buses: Sequence[BusConfig],
-    n_buses: int,
+    databases: Databases, sensors: Sequence[FoundSensor], buses: Sequence[BusConfig], n_buses: int
 ) -> list[str]:
     """Return the lines before the channels; `sensors`: empty if the bench has no list of them."""
     lines = [

@@ -53,7 +53,7 @@ class AscParser:
             t_ns = nanoseconds(time)
         except ValueError:
             return self._read_header(line.strip())
-        if self._start_ns and t_ns >= LONGEST_NS:
+        if self._start_ns and t_ns >= LONGEST_NS:  # a date, and not the time since one
             raise ValueError(line)
         if self._is_relative:
             t_ns = self._last_ns = self._last_ns + t_ns
@@ -88,21 +88,22 @@ class AscParser:
 
     def _classic(self, fields: Sequence[bytes], t_ns: int) -> Record:
         """Return the frame of the short form, data or remote."""
-        channel, identifier, direction, kind, *stated = fields
+        channel, identifier, direction, kind, *dlc_and_payload = fields
         can_id, flags = _identifier(identifier, self._base)
         flags |= _DIRECTIONS[direction.lower()]
         bus = _bus(channel)
+        dlc_text, text = [*dlc_and_payload, b"", b""][:2]
         if kind in b"rR":  # before version 8.5 a remote frame had no DLC
-            request = stated[0] if stated and len(stated[0]) < 3 else b"0"
+            request = dlc_text if 0 < len(dlc_text) < 3 else b"0"
             return t_ns, can_id, flags | BITS.REMOTE, bus, min(number(request, self._base), 8), b""
-        dlc, text = number(stated[0], self._base), stated[1] if len(stated) > 1 else b""
+        dlc = number(dlc_text, self._base)
         length = min(dlc, 8)
         if dlc > 8:
             # A DLC of 9 to 15 means 8 bytes.  Some loggers write FD frames in this form, with a
             # length; others with a DLC in decimal, whatever the base.
             pattern = rb"[0-9A-Fa-f]{1,2}" if self._base == 16 else rb"\d{1,3}"
             n_bytes = len(list(takewhile(lambda t: re.fullmatch(pattern, t), text.split())))
-            decimal_dlc = int(stated[0]) if stated[0].isdigit() else 99  # 99: it is none
+            decimal_dlc = int(dlc_text) if dlc_text.isdigit() else 99  # 99: it is none
             fits = decimal_dlc < len(LENGTH_OF_CODE) and n_bytes == LENGTH_OF_CODE[decimal_dlc]
             if fits or dlc in LENGTH_OF_CODE[10:]:
                 length, flags = LENGTH_OF_CODE[decimal_dlc] if fits else dlc, flags | BITS.FD
@@ -112,21 +113,21 @@ class AscParser:
 
     def _long(self, tokens: Sequence[bytes], t_ns: int) -> Record:
         """Return the frame of the long form: FD, sometimes also classic and error frames."""
-        bus, sent = _bus(tokens[2]), _DIRECTIONS[tokens[3].lower()]
+        bus, direction = _bus(tokens[2]), _DIRECTIONS[tokens[3].lower()]
         if tokens[4].lower() == b"errorframe":
-            return t_ns, 0, BITS.ERROR | sent, bus, 0, b""
+            return t_ns, 0, BITS.ERROR | direction, bus, 0, b""
         can_id, flags = _identifier(tokens[4], self._base)
         # There may be a symbolic name between the identifier and the bits BRS and ESI.
-        first = 5 if len(tokens[5]) == 1 and tokens[5].isdigit() else 6  # the token of BRS
+        first = 5 if len(tokens[5]) == 1 and tokens[5].isdigit() else 6
         brs, esi = number(tokens[first], 2), number(tokens[first + 1], 2)
         dlc, length = number(tokens[first + 2], 16), number(tokens[first + 3], 10)
-        stop = first + 4 + length
-        data = spaced_bytes(b" ".join(tokens[first + 4 :]), length, self._base)
+        after_header, after_payload = tokens[first + 4 :], tokens[first + 4 + length :]
+        data = spaced_bytes(b" ".join(after_header), length, self._base)
         # After the payload: duration, bits on the wire, flags.  Bit 12 is FDF: without it, the
         # frame is a classic one in the long form, and bit 4 marks a remote frame.  Some loggers
         # never set bit 12; such a frame is FD if it has properties that only FD has.
-        bits = number(tokens[stop + 2], 16) if len(tokens) > stop + 2 else 0x1000
-        flags |= sent
+        bits = number(after_payload[2], 16) if len(after_payload) > 2 else 0x1000
+        flags |= direction
         if bits & 0x1010 == 0x10 and not length:
             return t_ns, can_id, flags | BITS.REMOTE, bus, min(dlc, 8), b""
         if bits & 0x1000 or length > 8 or brs or esi:

@@ -170,10 +170,12 @@ def _unpacked(body: bytes, size: int, loss: LogLoss) -> tuple[bytes, bool]:
     return data, is_whole
 
 
-def _records(text: NDArray[np.uint8], places: NDArray[Any], layout: np.dtype[Any]) -> NDArray[Any]:
-    """Return the structures of a NumPy type that begin at places in a text, (n,) each."""
-    rows = text[places[:, None] + np.arange(layout.itemsize)]
-    return np.ascontiguousarray(rows).view(layout).reshape(len(places))
+def _records(
+    octets: NDArray[np.uint8], begins: NDArray[Any], layout: np.dtype[Any]
+) -> NDArray[Any]:
+    """Return the structures, (n,), of a NumPy type that begin at positions, (n,), in bytes."""
+    rows = octets[begins[:, None] + np.arange(layout.itemsize)]  # (n, bytes of a structure)
+    return np.ascontiguousarray(rows).view(layout).reshape(len(begins))
 
 
 def find_objects(data: bytes, loss: LogLoss) -> tuple[NDArray[np.intp], int]:
@@ -197,7 +199,7 @@ def find_objects(data: bytes, loss: LogLoss) -> tuple[NDArray[np.intp], int]:
             break
         chain.append(begin)
         used = chain_end = search = begin + size
-    else:  # no object is begun: what no object can be long enough to need is lost
+    else:  # no object is begun; a rest that is longer than any object cannot become one
         if len(data) - used >= MAX_OBJECT_BYTES:
             lost += len(data) - used - header_bytes
             used = len(data) - header_bytes
@@ -209,8 +211,8 @@ def find_objects(data: bytes, loss: LogLoss) -> tuple[NDArray[np.intp], int]:
 
 def frames_of(data: bytes, places: NDArray[np.intp], start_ns: int, loss: LogLoss) -> FrameBatch:
     """Return the frames among the objects at `places`, in their order; others are ignored."""
-    text = np.frombuffer(data, np.uint8)
-    head = _records(text, places, _HEADER)
+    octets = np.frombuffer(data, np.uint8)
+    head = _records(octets, places, _HEADER)
     begin = places + np.where(head["version"] == 2, 40, 32)  # of the body, after the header
     body_bytes = places + head["size"] - begin
     unit_ns = np.where(head["unit"] == 1, 10_000, 1)
@@ -220,15 +222,16 @@ def frames_of(data: bytes, places: NDArray[np.intp], start_ns: int, loss: LogLos
     batches: list[FrameBatch] = []
     for kind, (layout, offset) in _FRAME_KINDS.items():
         rows = np.flatnonzero(head["kind"] == kind)
-        good = (body_bytes[rows] >= layout.itemsize) & (head["version"][rows] <= 2)
-        good &= is_timed[rows]
-        if torn := len(rows) - int(good.sum()):
+        is_frame = (body_bytes[rows] >= layout.itemsize) & (head["version"][rows] <= 2)
+        is_frame &= is_timed[rows]
+        if garbled := len(rows) - int(is_frame.sum()):
             many = f"objects of type {kind} are not frames"
-            loss.add(counted(torn, f"object of type {kind} is not a frame", many), garbled=torn)
-        rows = rows[good]
+            one = f"object of type {kind} is not a frame"
+            loss.add(counted(garbled, one, many), garbled=garbled)
+        rows = rows[is_frame]
         if not len(rows):
             continue
-        record = _records(text, begin[rows], layout)
+        record = _records(octets, begin[rows], layout)
         flags, length, size = _properties(record, kind)
         names = layout.names or ()
         if "extra" in names:
@@ -242,8 +245,8 @@ def frames_of(data: bytes, places: NDArray[np.intp], start_ns: int, loss: LogLos
         if "can_id" in names:
             can_id |= record["can_id"] & 0x1FFF_FFFF
         width = 8 if length.max(initial=0) <= 8 else 64
-        byte_index = (begin[rows] + offset)[:, None] + np.arange(width)
-        payload = text[np.minimum(byte_index, len(text) - 1)]
+        byte_index = (begin[rows] + offset)[:, None] + np.arange(width)  # (frames, width)
+        payload = octets[np.minimum(byte_index, len(octets) - 1)]
         payload = np.where(np.arange(width) < size[:, None], payload, 0).astype(np.uint8)
         bus = (np.clip(record["bus"], 1, 256) - 1).astype(np.uint8)
         lengths = length.astype(np.uint8)

@@ -67,6 +67,7 @@ def read_columns(path: Path, names: Sequence[str]) -> Columns:
     wanted: dict[str, Column] = {}  # by the name under which a column is returned; see `choose`
 
     def choose(headings: Sequence[Column]) -> Sequence[Column]:
+        """Return the columns to read, each once, and remember them in `wanted`."""
         if not headings:
             raise InputError(where, "has no column of numbers", "name a file of channels")
         if names:
@@ -127,7 +128,7 @@ def _read_parquet(path: Path, choose: Choose) -> Columns:
 def _read_mdf(path: Path, choose: Choose) -> Columns:
     """Return channels of an MDF file; those of a group have the times of its master."""
     with open_mdf(path, str(path)) as mdf, redirect_stdout(StringIO()):
-        places: dict[str, tuple[int, int]] = {}  # numbers of group and channel, by full name
+        numbers: dict[str, tuple[int, int]] = {}  # of group and channel, by full name
         headings, clocks = [], {}
         for number, group in enumerate(mdf.groups):
             name = getattr(group.channel_group, "acq_name", "") or f"group {number}"
@@ -135,17 +136,17 @@ def _read_mdf(path: Path, choose: Choose) -> Columns:
             clocks[clock] = number
             for index, channel in enumerate(group.channels):
                 full = f"{name}/{channel.name}"
-                full = full if full not in places else f"{clock}/{channel.name}"
-                if index == mdf.masters_db.get(number) or full in places:
+                full = full if full not in numbers else f"{clock}/{channel.name}"
+                if index == mdf.masters_db.get(number) or full in numbers:
                     continue
-                places[full] = number, index
+                numbers[full] = number, index
                 conversion = getattr(channel, "conversion", None)
                 unit = str(channel.unit or getattr(conversion, "unit", "") or "")
                 headings.append(Column(full, unit, clock, _UNREAD))
         chosen = choose(headings)
         columns = {}
         for each in chosen:
-            group, index = places[each.name]
+            group, index = numbers[each.name]
             signal = mdf.get(group=group, index=index, ignore_invalidation_bits=True)
             samples, invalid = np.asarray(signal.samples), signal.invalidation_bits
             if invalid is not None and samples.dtype.kind in "iuf":

@@ -176,11 +176,11 @@ def _matlab_run(run: Run, units: dict[str, str]) -> dict[str, Any]:
     }
     groups = {}
     for group in run.groups:
-        common = {"t": group.time_s, "t_ns": group.t_ns, "quality": group.quality}
-        taken = [*common, "units"]
+        columns = {"t": group.time_s, "t_ns": group.t_ns, "quality": group.quality}
+        taken = [*columns, "units"]
         units_by_field = _fields(((name, units[name]) for name in group.values), taken)
-        common |= {"units": {"t": "s", **units_by_field}}
-        groups[group.name] = common | _fields(group.values.items(), taken)
+        columns |= {"units": {"t": "s", **units_by_field}}
+        groups[group.name] = columns | _fields(group.values.items(), taken)
     return properties | _fields(groups.items(), properties)
 
 
@@ -252,9 +252,11 @@ def _dataset_58b(run: Run, group: SampleGroup, channel: Channel, number: int) ->
     node = number + 100 if channel.corner is None else channel.corner.position + 1
     about_y = (Quantity.PITCH_RATE, Quantity.PITCH_ACCELERATION)
     about_x = (Quantity.ROLL_RATE, Quantity.ROLL_ACCELERATION)
-    is_vertical = channel.corner is not None or channel.quantity in ON_BODY
-    direction = 3 if is_vertical else 4 if channel.quantity in about_x else 0
-    direction = 5 if channel.quantity in about_y else direction  # 3: z; 4, 5: about x, y; 0: none
+    direction = 0  # none; 3: along z; 4, 5: about x and y
+    if channel.corner is not None or channel.quantity in ON_BODY:
+        direction = 3
+    elif channel.quantity in (*about_x, *about_y):
+        direction = 4 if channel.quantity in about_x else 5
     entity = "".join(c if c.isascii() and c.isprintable() else "?" for c in channel.name)[:10]
     texts = (
         channel.name,

@@ -127,12 +127,14 @@ class Log:
         return min(self._position() / max(self._bytes, 1), 1.0)
 
     def __iter__(self) -> Iterator[FrameBatch]:
+        """Yield the blocks that have frames; raises InputError if there is none at the end."""
         try:
             for batch in self._batches():
-                ordered = batch if self._journal is not None else self._in_order(batch)
-                if len(ordered):
-                    self.frames += len(ordered)
-                    yield ordered
+                # Events of a journal have the stamps of its frames, which therefore stay.
+                in_order = self._in_order(batch) if self._journal is None else batch
+                if len(in_order):
+                    self.frames += len(in_order)
+                    yield in_order
         except OSError as error:
             what = f"cannot be read: {error.strerror or error}"
             raise InputError(self.name, what, "check the disk") from error
@@ -160,13 +162,18 @@ class Log:
             self._position = lambda: self._bytes
 
     def _in_order(self, batch: FrameBatch) -> FrameBatch:
-        """Return a block with each part of the log after the one before it."""
+        """Return a block without frames whose stamp is out of line, and with each part later.
+
+        Where stamps go back by more than `RESTART_NS` a part begins: its stamps are moved behind
+        the part before it.  Raises InputError if the part repeats the log from its first frame, or
+        there are too many parts.
+        """
         if not len(batch):
             return batch
         last_ns = int(batch.t_ns[0]) if self._last_ns is None else self._last_ns
         self._first_frame = self._first_frame or _frame(batch, 0)
         batch = self._without_strays(batch, last_ns)
-        raw_ns = batch.t_ns
+        raw_ns = batch.t_ns  # as in the file
         t_ns = raw_ns + self._shift_ns
         for row in np.flatnonzero(np.diff(raw_ns, prepend=last_ns) < -RESTART_NS).tolist():
             restart_ns, frames = int(raw_ns[row]), self.frames + row

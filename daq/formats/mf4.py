@@ -92,6 +92,7 @@ def read_mf4(file: BinaryIO, where: str, loss: LogLoss) -> Iterator[FrameBatch]:
         start_ns = round(mdf.header.start_time.timestamp() * 1e6) * 1000
         # A time that goes back does not move the end of a block back.
         rising_s = [np.maximum.accumulate(group.time_s) for group in groups]
+        # Times at which blocks end: all groups together have `_BLOCK_FRAMES` records between two.
         ends_s = np.append(np.sort(np.concatenate(rising_s))[_BLOCK_FRAMES::_BLOCK_FRAMES], np.inf)
         begins = [0] * len(groups)  # first record of each group that was not yet read
         lowest_bus: int | None = None
@@ -159,17 +160,18 @@ def _frames(mdf: Any, group: _Group, rows: slice, start_ns: int, loss: LogLoss) 
     since_start_ns = group.time_s[rows] * 1e9
     is_timed = np.isfinite(since_start_ns) & (np.abs(since_start_ns) < LONGEST_NS)
     t_ns = start_ns + np.rint(np.where(is_timed, since_start_ns, 0.0)).astype(np.int64)
-    good = is_timed & (t_ns < LATEST_NS) & (length >= 0) & (length <= np.where(is_fd, 64, 8))
-    if bad := n - int(good.sum()):
+    is_frame = is_timed & (t_ns < LATEST_NS) & (length >= 0) & (length <= np.where(is_fd, 64, 8))
+    if garbled := n - int(is_frame.sum()):
         many = f"records of {group.kind} are not frames"
-        loss.add(counted(bad, f"record of {group.kind} is not a frame", many), garbled=bad)
+        one = f"record of {group.kind} is not a frame"
+        loss.add(counted(garbled, one, many), garbled=garbled)
     width = 8 if length.max(initial=0) <= 8 else 64
     data = np.zeros((n, width), np.uint8)
     data[:, : payload.shape[1]] = payload[:, :width]
     data[np.arange(width) >= np.where(is_remote, 0, length)[:, None]] = 0
     bus = fields.get("BusChannel", np.zeros(n, np.int64)).clip(0, 255)
     lengths, buses = length.clip(0, 64).astype(np.uint8), bus.astype(np.uint8)
-    return FrameBatch(t_ns, can_id.astype(np.uint32), flags, buses, lengths, data).select(good)
+    return FrameBatch(t_ns, can_id.astype(np.uint32), flags, buses, lengths, data).select(is_frame)
 
 
 def _samples(mdf: Any, group: _Group, name: str, rows: slice, *, raw: bool) -> NDArray[Any]:

@@ -133,7 +133,7 @@ class LineParser(Protocol):
     states_length: bool
     """True if a line states how many bytes follow, so that a cut line cannot look complete."""
     spaced: bool
-    """True if a byte may lose its last digit unnoticed."""
+    """True if blanks separate the bytes, so that a cut line may lose a digit unnoticed."""
 
     def __call__(self, line: bytes) -> Record | int:
         """Return the frame in a line; of other lines the number of frames that they state as lost.
@@ -293,14 +293,15 @@ def read_lines(
 def _is_whole(line: bytes, frames: FrameBatch, recent: FrameBatch, parse: LineParser) -> bool:
     """Return whether a last line without an end is a complete frame.
 
-    `frames`: those in the line.  `recent`: those of the lines before it.  If no length is stated,
-    it is complete if it is as long as another frame of its identifier.
+    `frames`: those in the line.  `recent`: those of the lines before it.  A remote frame is
+    complete.  If the format states no length, another one is complete if it is as long as another
+    frame of its identifier.
     """
     if len(frames) != 1:
         return False
     if frames.flags[0] & BITS.REMOTE:
         return True
-    if parse.spaced:
+    if parse.spaced:  # its last byte has all its digits if it is a byte with one less, too
         shorter = parsed(line.rstrip()[:-1], parse).frames
         if len(shorter) != 1 or shorter.length[0] != frames.length[0]:
             return False

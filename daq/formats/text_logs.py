@@ -88,9 +88,7 @@ class CsvParser:
         n_letters = 0 if remote else (length + 2) // 3 * 4  # base64: 4 for up to 3 bytes
         if identifier[:2] != b"0x" or len(data) != n_letters:
             raise ValueError(line)
-        flags = (
-            BITS.EXTENDED * extended | BITS.REMOTE * remote | BITS.ERROR * error
-        )  # each true or false
+        flags = BITS.EXTENDED * extended | BITS.REMOTE * remote | BITS.ERROR * error
         flags |= BITS.FD if length > 8 else 0  # not stated, but no classic frame is longer
         payload = a2b_base64(data, strict_mode=True) if data else b""
         # Python writes small numbers with an exponent.
@@ -148,33 +146,34 @@ class TrcParser:
         if line.lstrip().startswith(b";"):
             self._read_header(line.strip())
             return 0
-        place = self._place
-        tokens = line.split(None, place["D"])
-        data_text = tokens[place["D"]] if len(tokens) > place["D"] else b""
+        column = self._column
+        tokens = line.split(None, column["D"])
+        data_text = tokens[column["D"]] if len(tokens) > column["D"] else b""
         data_word = data_text[:5].lower()  # version 1.0 has words in place of data
-        if "T" in place:
+        if "T" in column:
             types = _TYPES_2 if self._is_version_2 else _TYPES_1
-            flags = types[tokens[place["T"]].lower()]
-        elif tokens[place["I"]].upper() == b"FFFFFFFF":  # a line about the bus
+            flags = types[tokens[column["T"]].lower()]
+        elif tokens[column["I"]].upper() == b"FFFFFFFF":  # a line about the bus
             flags = None
         else:  # 2) 1842 0008 4 ERROR 00 19 08 08
             flags = BITS.ERROR if data_word == b"error" else 0
         if flags is None:
             return int(bool(_OVERRUN.search(line)))
-        offset_ns = nanoseconds(tokens[place["O"]].replace(b",", b".")) // 1000
+        # The text is in ms, of which `nanoseconds` makes 1000 times the ns.
+        offset_ns = nanoseconds(tokens[column["O"]].replace(b",", b".")) // 1000
         if self._start_ns and abs(offset_ns) >= LONGEST_NS:
             raise ValueError(line)
         t_ns, bus = self._start_ns + offset_ns, 0
-        if "B" in place and tokens[place["B"]].isdigit():  # PEAK writes a dash if there is none
-            bus = min(max(number(tokens[place["B"]], 10) - 1, 0), 255)
+        if "B" in column and tokens[column["B"]].isdigit():  # PEAK writes a dash if there is none
+            bus = min(max(number(tokens[column["B"]], 10) - 1, 0), 255)
         if flags & BITS.ERROR:
             return t_ns, 0, BITS.ERROR, bus, 0, b""
-        identifier = tokens[place["I"]]
+        identifier = tokens[column["I"]]
         flags |= BITS.EXTENDED if len(identifier) > 4 else 0
         flags |= BITS.REMOTE if data_word.startswith(b"rtr") else 0
-        flags |= BITS.TRANSMITTED if "d" in place and tokens[place["d"]].lower() == b"tx" else 0
-        length = number(tokens[place["l" if "l" in place else "L"]], 10)
-        if "l" not in place and self._is_version_2:
+        flags |= BITS.TRANSMITTED if "d" in column and tokens[column["d"]].lower() == b"tx" else 0
+        length = number(tokens[column["l" if "l" in column else "L"]], 10)
+        if "l" not in column and self._is_version_2:
             if flags & BITS.FD:
                 length = LENGTH_OF_CODE[length]
             elif length < 16:  # a code of 9 to 15 means 8 bytes
@@ -200,5 +199,6 @@ class TrcParser:
                 self._set_columns("2.1", letters)
 
     def _set_columns(self, version: str, letters: str) -> None:
+        """Set what a line holds; `letters`: its columns, as in `_COLUMNS`."""
         self._is_version_2 = version >= "2"
-        self._place = {letter: i for i, letter in enumerate(letters)}  # in the tokens of a line
+        self._column = {letter: i for i, letter in enumerate(letters)}

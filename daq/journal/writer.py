@@ -31,14 +31,7 @@ from ..bus.source import HopLosses
 from ..control.messages import DiskStatus
 from ..runlog import Code
 from ..runs import Event
-from .reader import (
-    RecordingInfo,
-    deleted_blocks,
-    deleted_event,
-    next_segment,
-    scan,
-    segments_in,
-)
+from .reader import RecordingInfo, deleted_blocks, deleted_event, next_segment, scan, segments_in
 from .segment import (
     ENDED,
     Block,
@@ -349,8 +342,11 @@ class JournalWriter:
         self._is_full = self._free_bytes < reserves * self.limits.reserve_bytes
 
     def _check_disk(self) -> None:
-        """Check that the files of the recording exist, and the free space."""
-        if self._now_s - self._warned_s > 60.0:  # s, for which a warning is shown
+        """Check that the files of the recording exist, and the free space; end warnings after 60 s.
+
+        If the disk is full, the open segment ends and `_failure` says so.
+        """
+        if self._now_s - self._warned_s > 60.0:
             self._warning = ""
         newest = self._segment or (self._written[-1] if self._written else None)
         if newest is not None and not newest.is_in_place:

@@ -16,7 +16,7 @@ from dbc import Codec, FrameBatch
 from ..bench.campaign import Method, Step
 from ..bench.config import Bench
 from ..bumps import BUMPS
-from ..bus.source import BusError, HopLosses
+from ..bus.source import BusError, FrameSource
 from ..check.pushes import ORDER
 from ..control.messages import Phase, Status
 from ..runs import BASELINE, RunStatus
@@ -113,8 +113,8 @@ def push_frames(
                 yield batch
 
 
-class SimulatedBench:
-    """A bench whose car is bumped as in the campaign, as a `daq.bus.source.FrameSource`.
+class SimulatedBench(FrameSource):
+    """A bench whose car is bumped as in the campaign; the counters in its frames show losses.
 
     Frames have the car's own time, which runs `speed` times as fast as the host's; infinite:
     `read` returns piece after piece.  Counters, clocks and noise always continue.  `seed`:
@@ -201,13 +201,6 @@ class SimulatedBench:
             batch = batch.select(batch.bus != number)
         return batch
 
-    def losses(self) -> HopLosses:
-        """Return no losses: the counters in the frames show the losses of this bus."""
-        return HopLosses()
-
-    def close(self) -> None:
-        """Leave the bus; the car is not changed."""
-
     def _now_s(self) -> float:
         """Return the present time of the car, s."""
         if not np.isfinite(self._speed):
@@ -271,8 +264,8 @@ class SimulatedBench:
         self._act, self._act_begun_s = act, self._sampled_s
 
 
-class OtherBus:
-    """The frames of one further bus of a simulated bench, as a `daq.bus.source.FrameSource`.
+class OtherBus(FrameSource):
+    """The frames of one further bus of a simulated bench.
 
     `waiting`: its frames, which the bench adds from another thread.
     """
@@ -286,10 +279,3 @@ class OtherBus:
             return self._waiting.get(timeout=timeout_s)
         except Empty:
             return FrameBatch.empty()
-
-    def losses(self) -> HopLosses:
-        """Return no losses: the counters in the frames show the losses of this bus."""
-        return HopLosses()
-
-    def close(self) -> None:
-        """Leave the bus; the car is not changed."""

@@ -13,8 +13,9 @@ from dbc import Codec, FrameBatch, FrameFlag, MessageLayout
 from dbc.words import InputError
 
 from ..bench.config import Bench
-from ..channels import Channel, message_of, signal_of
+from ..channels import Channel, signal_of
 from ..runs import BASELINE
+from ..samples.mapping import mapped_channels
 from .car import ClockTruth, SimulatedCar, Truth, low_passed, signal_values, true_reading
 from .motion import Array, Bump, Kinematics, Moving, Plant
 
@@ -120,7 +121,7 @@ class Rig:
         Arguments as for `frames`.
         """
         first_tick, tick_s = sender.ticks(*span_s)
-        motion_by_delay: dict[float, Kinematics] = {}  # sensors of one delay show one motion
+        motion_by_delay: dict[float, Kinematics] = {}  # sensors of equal delay show the same motion
         values = {}
         for channel in sender.channels:
             sensor = self.drawn.sensors[channel.name]
@@ -149,11 +150,7 @@ class Rig:
 
 
 def campaign_frames(
-    bench: Bench,
-    codec: Codec,
-    car: SimulatedCar,
-    seed: int,
-    start_ns: int,
+    bench: Bench, codec: Codec, car: SimulatedCar, seed: int, start_ns: int
 ) -> Iterator[FrameBatch]:
     """Yield the frames of a campaign, a block a run: rest (`car.lead_s`), bump and free decay.
 
@@ -177,21 +174,14 @@ def campaign_frames(
 def bench_senders(bench: Bench, codec: Codec, drawn: Truth) -> tuple[Sender, ...]:
     """Return the messages that carry the bench's channels.
 
-    Raises InputError if a signal is not in the DBC, or its message cannot be sent in cycles.
+    Raises InputError if a channel does not fit the DBC, or its message cannot be sent in cycles.
     """
     channels_of: dict[str, list[Channel]] = {}
-    for channel in bench.channels:
-        channels_of.setdefault(message_of(channel.signal), []).append(channel)
+    for mapped in mapped_channels(bench, codec):
+        channels_of.setdefault(mapped.message.name, []).append(mapped.channel)
     senders = []
     for name, channels in channels_of.items():
-        for channel in channels:
-            try:
-                message = codec.message(name)
-                message.signal(signal_of(channel.signal))
-            except KeyError as error:
-                reason = f"signal {channel.signal} is not in {bench.dbc_name}"
-                advice = "name a signal of the DBC as Message.signal"
-                raise InputError(f"channel {channel.name}", reason, advice) from error
+        message = codec.message(name)
         if message.cycle_s is None:
             reason = f"message {name} has no cycle time"
             advice = "state cycle_ms for it in a [[message]] of bench.toml"
@@ -246,7 +236,8 @@ def transmit(
     """Return when each frame, (n,), has been received over a bus that carries one at a time.
 
     Whenever the bus is free, the waiting frame of the lowest rank is sent; equal ranks are sent in
-    order of release.  `free_ns`: time until which the bus is busy.
+    order of release.  `release_ns`, `rank`, `duration_ns`: of each frame, (n,), in any order.
+    `free_ns`: time until which the bus is busy.
     """
     n = len(release_ns)
     order = np.argsort(release_ns, kind="stable")  # the lists below are in order of release
