@@ -36,8 +36,8 @@ class BumpKind:
     None if a push cannot make this bump."""
 
     @property
-    def shares(self) -> tuple[float, float, float, float]:
-        """Share of the bump's height under each wheel, 1 or 0, in the order of `Corner`."""
+    def height_ratios(self) -> tuple[float, float, float, float]:
+        """Height under each wheel to that of the bump, 1 or 0, in the order of `Corner`."""
         fl, fr, rl, rr = (float(corner in self.wheels) for corner in Corner)
         return fl, fr, rl, rr
 

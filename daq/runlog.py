@@ -238,7 +238,10 @@ def advance(log: RunLog, event: Event) -> RunLog:
 
 
 def _advanced(log: RunLog, event: Event) -> RunLog:
-    """Return the log after one event; raises an error if its text cannot be read."""
+    """Return the log after one event; raises ValueError, KeyError or TypeError for a wrong text.
+
+    A bump whose label is no run or not new changes nothing.
+    """
     t_ns, text = event.t_ns, event.text
     match event.code:
         case Code.BUMP:
@@ -278,7 +281,10 @@ def _advanced(log: RunLog, event: Event) -> RunLog:
 
 
 def _entered(log: RunLog, code: Code, t_ns: int, body: Mapping[str, Any]) -> RunLog:
-    """Return the log after an event whose text is a JSON object."""
+    """Return the log after an event whose text is a JSON object, `body`.
+
+    A verdict on a run that is not in the log changes nothing.
+    """
     if code is Code.CHOOSE:
         return replace(log, chosen=(body["mass_state"], Excitation(body["excitation"])))
     if code is Code.NOTE:

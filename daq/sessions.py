@@ -148,7 +148,11 @@ def session_from_arrays(
 def _groups(
     where: str, records: Mapping[str, tuple[ArrayLike, ArrayLike]], known: Mapping[str, Channel]
 ) -> tuple[SampleGroup, ...]:
-    """Return the samples of a run: channels with the same times are in one group."""
+    """Return the samples of a run: channels with the same times are in one group.
+
+    `records`: times, s, and values by channel.  `known`: the channels by name.  `where`: the run,
+    for errors.  Raises InputError if a record cannot be used, or there is none.
+    """
     by_times: dict[bytes, tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]] = {}
     for name, (times, samples) in records.items():
         if name not in known:
@@ -187,7 +191,10 @@ def _numbers(where: str, subject: str, data: Any) -> NDArray[np.float64]:
 
 
 def _added_mass(given: AddedMassLike | None) -> AddedMass:
-    """Return added mass given as weights, as a matrix or as its diagonal."""
+    """Return added mass given as weights, as a matrix or as its diagonal; None adds none.
+
+    Raises InputError for another shape, or numbers that are not finite.
+    """
     if given is None or isinstance(given, AddedMass):
         return given or AddedMass()
     if isinstance(given, Sequence) and all(isinstance(w, BodyWeight | HubWeight) for w in given):

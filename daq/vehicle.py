@@ -130,7 +130,7 @@ FORD_GRANADA = VehicleParameters(
 BY_TAPE_M = 0.01
 """Standard uncertainty of a place that is measured by tape, m."""
 _BY_SCALES = 0.005
-"""Standard uncertainty of a mass that is weighed on usual scales, as a share of it."""
+"""Relative standard uncertainty of a mass that is weighed on usual scales."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -340,24 +340,24 @@ def expected_car(vehicle: Vehicle) -> VehicleParameters:
     axles_kg = front_kg + rear_kg if is_weighed else usual_kg
     mass_ratio = facts.get(FactQuantity.TOTAL_MASS, axles_kg) / usual_kg
     m_uf, m_ur = mass_ratio * usual.m_uf, mass_ratio * usual.m_ur
-    usual_cg_share = cg_share = usual.a / (usual.a + usual.b)
+    usual_rear_ratio = a_ratio = usual.a / (usual.a + usual.b)  # of the load, and of the wheelbase
     if is_weighed:  # the CG is between the axles, whatever the scales say
-        cg_share = min(max((rear_kg - 2.0 * m_ur) / (axles_kg - 2.0 * (m_uf + m_ur)), 0.1), 0.9)
+        a_ratio = min(max((rear_kg - 2.0 * m_ur) / (axles_kg - 2.0 * (m_uf + m_ur)), 0.1), 0.9)
     wheelbase_m = facts.get(FactQuantity.WHEELBASE, usual.a + usual.b)
     lengths = vehicle.geometry or VehicleGeometry(
-        a=cg_share * wheelbase_m,
-        b=(1.0 - cg_share) * wheelbase_m,
+        a=a_ratio * wheelbase_m,
+        b=(1.0 - a_ratio) * wheelbase_m,
         t_f=facts.get(FactQuantity.FRONT_TRACK, 2.0 * usual.t_f) / 2.0,
         t_r=facts.get(FactQuantity.REAR_TRACK, 2.0 * usual.t_r) / 2.0,
     )
     width_ratio = (lengths.t_f + lengths.t_r) / (usual.t_f + usual.t_r)
     arm_ratio_squared = lengths.a * lengths.b / (usual.a * usual.b)
-    rear_share = lengths.a / (lengths.a + lengths.b)
-    front_ratio = mass_ratio * (1.0 - rear_share) / (1.0 - usual_cg_share)
-    rear_ratio = mass_ratio * rear_share / usual_cg_share
-    scales = dict.fromkeys(("m_s", "m_uf", "m_ur"), mass_ratio)
-    scales |= {"I_yy": mass_ratio * arm_ratio_squared, "I_xx": mass_ratio * width_ratio**2}
-    scales |= dict.fromkeys(("k_sf", "k_tf", "c_sf"), front_ratio)
-    scales |= dict.fromkeys(("k_sr", "k_tr", "c_sr"), rear_ratio)
-    scaled = {name: scale * getattr(usual, name) for name, scale in scales.items()}
+    rear_load = lengths.a / (lengths.a + lengths.b)  # of the body, 0..1
+    front_ratio = mass_ratio * (1.0 - rear_load) / (1.0 - usual_rear_ratio)
+    rear_ratio = mass_ratio * rear_load / usual_rear_ratio
+    ratios = dict.fromkeys(("m_s", "m_uf", "m_ur"), mass_ratio)
+    ratios |= {"I_yy": mass_ratio * arm_ratio_squared, "I_xx": mass_ratio * width_ratio**2}
+    ratios |= dict.fromkeys(("k_sf", "k_tf", "c_sf"), front_ratio)
+    ratios |= dict.fromkeys(("k_sr", "k_tr", "c_sr"), rear_ratio)
+    scaled = {name: ratio * getattr(usual, name) for name, ratio in ratios.items()}
     return VehicleParameters(**scaled, **asdict(lengths))

@@ -268,13 +268,14 @@ class Codec:
 
     @cached_property
     def _n_buses(self) -> int:
-        """Number from which on all buses have the same messages: those of any bus."""
+        """Number from which on buses have the same messages: those that are of any bus."""
         return max((m.bus + 1 for m in self.messages if m.bus is not None), default=0)
 
     @cached_property
     def _keys(self) -> tuple[NDArray[np.int64], NDArray[np.intp]]:
-        """Keys (`_key`) of the known frames, sorted, and the positions of their messages.
+        """Sorted keys (`_key`) of the known frames, (m,), and positions of their messages, (m,).
 
+        Messages of any bus have a key for each bus that is named, and one for all higher numbers.
         A last key is that of no frame, so that a search ends within the keys.
         """
         index_of_key = {np.iinfo(np.int64).max: len(self.messages)}
@@ -410,8 +411,9 @@ def _decode_message(
 ) -> tuple[dict[str, Samples], int]:
     """Return the samples of frames of a message, and the number of frames with a wrong checksum.
 
-    A multiplexed signal has samples only of the frames whose selector names it; frames of a wrong
-    length do not count as frames with a wrong checksum.
+    `t_ns`, `length`: (n,); `payload`: (n, 8 or 64), all of its frames.  A multiplexed signal has
+    samples only of the frames whose selector names it; frames of a wrong length do not count as
+    frames with a wrong checksum.
     """
     is_crc_bad = np.zeros(len(t_ns), np.bool_)
     if message.crc is not None:

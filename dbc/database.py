@@ -112,14 +112,15 @@ def _with_unique_names(
     layouts: Sequence[MessageLayout], source: _DbcText
 ) -> tuple[MessageLayout, ...]:
     """Return messages by names that differ; those with the identifier of another are left out."""
-    # A message that is passed on from one bus to another means the same on both.
+    # Equal but for the cycle: passed on from one bus to another, it means the same on both.
     layouts = [*{replace(layout, cycle_s=None): layout for layout in layouts}.values()]
     id_counts = Counter((layout.can_id, layout.is_extended) for layout in layouts)
     name_counts = Counter(layout.name for layout in layouts)
     by_name: dict[str, MessageLayout] = {}
     for layout in layouts:
-        name, fault = layout.name, f"has the identifier 0x{layout.can_id:X} of another"
+        name = layout.name
         if id_counts[layout.can_id, layout.is_extended] > 1:
+            fault = f"has the identifier 0x{layout.can_id:X} of another"
             source.report(f"message {name}", fault)
             continue
         if name_counts[name] > 1:
@@ -130,7 +131,7 @@ def _with_unique_names(
 
 
 def _format_of(text: str, name: str) -> str:
-    """Return the format of a database from its content, or else its suffix; "" for a DBC."""
+    """Return the format from a database's content, or else its suffix: kcd, sym, arxml; "": DBC."""
     root = re.match(r"\s*<.{0,4000}?<?(?:\w+:)?(NetworkDefinition|AUTOSAR)\b", text, re.DOTALL)
     if root:
         return "arxml" if root[1] == "AUTOSAR" else "kcd"
@@ -358,13 +359,17 @@ def _layout(
 
 
 def _fault(signal: SignalLayout, message_bytes: int, role: str) -> str | None:
-    """Return why the bits of a signal cannot be decoded in its role (`_role`); None if they can."""
+    """Return why the bits of a signal cannot be decoded in its role; None if they can.
+
+    `role`: "value", "counter", or a rule of checksums, which is in `CRC_RULES`.
+    """
     if not signal.name:
         return "has no name"
     if not 1 <= signal.length <= 64 or not 0 <= signal.start < 512:  # bits of 64 bytes
         return f"has {signal.length} bits from bit {signal.start}, outside any payload"
     if signal.factor == 0:
         return "has the factor 0: all its values would be the same"
+    # Times a raw number of 64 bits it stays below 1.8e308; the comparison is false for NaN.
     if not (abs(signal.factor) < 1e280 and abs(signal.offset) < 1e280):
         return "has a factor or offset beyond float64"
     if signal.is_float and signal.length not in (16, 32, 64):
@@ -444,12 +449,13 @@ def _sentinels(signal: SignalLayout, table: Mapping[int, str]) -> tuple[int, ...
     no_values = [raw for raw, label in table.items() if names_no_value(label)]
     if signal.is_float:
         return tuple(sorted(no_values))
-    n_raw, highest = 1 << signal.length, signal.raw_range[1]
-    lowest = -(n_raw >> 1)
-    if len({raw % n_raw for raw in table if lowest <= raw < n_raw}) == n_raw:
+    n_patterns = 1 << signal.length
+    possible = range(-(n_patterns >> 1), n_patterns)  # signed or unsigned, in as many bits
+    if len({raw % n_patterns for raw in table if raw in possible}) == n_patterns:
         return ()
-    bit_patterns = {raw % n_raw for raw in no_values if lowest <= raw < n_raw}
-    return tuple(sorted(raw - n_raw if raw > highest else raw for raw in bit_patterns))
+    patterns = {raw % n_patterns for raw in no_values if raw in possible}
+    _, highest = signal.raw_range
+    return tuple(sorted(raw - n_patterns if raw > highest else raw for raw in patterns))
 
 
 # Names in value tables that say that there is no value: "SNA", "open circuit" ---------------------

@@ -101,7 +101,7 @@ def sketch(campaign: Campaign, excitation: Excitation) -> tuple[str, ...]:
         Method.PUSH: ("   ", "[ ]", "(V) push down here"),
     }[method]
     lines = ["            front"]
-    for shares in (bump.shares[:2], bump.shares[2:]):
+    for shares in (bump.height_ratios[:2], bump.height_ratios[2:]):
         boards = [board if share else "   " for share in shares]
         wheels = [wheel if share else "[ ]" for share in shares]
         lines.append("         ".join(["     " + boards[0], boards[1]]).rstrip())

@@ -268,7 +268,7 @@ class JournalContents:
 
 
 def read_windows(recording: RecordingInfo, windows: Sequence[tuple[int, int]]) -> JournalContents:
-    """Read a recording with its frames in windows of time, which may overlap.
+    """Return the content of a recording with its frames in windows of time, which may overlap.
 
     `windows`: start <= t < stop, ns; memory grows with them, not with the recording.
     """
@@ -326,6 +326,7 @@ class JournalReader:
         return JournalLoss(sum(size for size, _ in self._cut), blocks_missing, tuple(notes))
 
     def __iter__(self) -> Iterator[tuple[HopLosses, Block]]:
+        """Yield each block of frames or events once, with the losses up to it, and note gaps."""
         next_number, writer = 0, self.head.wall_ns  # number of the next block; process that writes
         losses = earlier_losses = HopLosses()  # up to a block; of the processes before its writer
         torn: list[tuple[int, str]] = []  # ends of segments: the next block may be the one cut off

@@ -250,7 +250,10 @@ class Recorder:
     # The writer's thread -----------------------------------------------------------------------
 
     def _cycle(self, publish: Publish, is_watched: bool) -> None:
-        """Wait for the next block and store it; at every look, execute orders and publish."""
+        """Wait until the next block is due and store it; if a look is due, look, order and publish.
+
+        An order ends the wait, and so does a queue that still has frames for a block that is due.
+        """
         if not self._pieces.status.blocks or self._next_block_s > self._clock().monotonic_s:
             self._order_came.wait(max(self._next_block_s - self._clock().monotonic_s, 0.0))
         self._order_came.clear()
@@ -362,7 +365,7 @@ class Recorder:
                 self._begin_next(bench, "a new campaign was begun", now, campaign=True)
             case messages.ShutDown():
                 self._ended = True
-            case _ if not self._writer.head.campaign:
+            case _ if not self._writer.head.campaign:  # the orders below need one
                 raise OrderError("no campaign is under way: begin one first")
             case messages.Stop():
                 bench = self._recording.bench

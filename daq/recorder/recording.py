@@ -161,7 +161,7 @@ class LiveEnvelope:
         if not all_bins:
             return None
         newest_bin = max(int(bins[-1]) for bins in all_bins)
-        if newest_bin < self._next_bin - MOST_BINS:  # the clock was set back
+        if newest_bin < self._next_bin - MOST_BINS:  # the clock was set back: begin anew
             self._next_bin = 0
         oldest_bin = min(int(bins.min()) for bins in all_bins)
         stop_bin = newest_bin + 1 - LATE_BINS
@@ -170,13 +170,13 @@ class LiveEnvelope:
             return None
         lanes = []
         for name, (bins, values) in self._waiting.items():
-            low, high = np.full((2, stop_bin - first_bin), np.nan)
-            rows = (bins >= first_bin) & (bins < stop_bin) & np.isfinite(values)
-            np.fmin.at(low, bins[rows] - first_bin, values[rows])
-            np.fmax.at(high, bins[rows] - first_bin, values[rows])
+            low, high = np.full((2, stop_bin - first_bin), np.nan)  # a value for each bin
+            is_complete = (bins >= first_bin) & (bins < stop_bin) & np.isfinite(values)
+            np.fmin.at(low, bins[is_complete] - first_bin, values[is_complete])
+            np.fmax.at(high, bins[is_complete] - first_bin, values[is_complete])
             lanes.append(Lane(name, _plain(low), _plain(high)))
-            incomplete = (bins >= stop_bin) & (bins <= newest_bin)
-            self._waiting[name] = bins[incomplete], values[incomplete]
+            is_next = (bins >= stop_bin) & (bins <= newest_bin)
+            self._waiting[name] = bins[is_next], values[is_next]
         self._next_bin = stop_bin
         return Live(first_bin, BIN_S, tuple(lanes))
 

@@ -66,112 +66,112 @@ class RunLoop:
         """True while a run is being recorded."""
         return self.phase in (Phase.TRIGGERED, Phase.DECAY)
 
-    def countdown_s(self, now: Surroundings) -> float | None:
+    def countdown_s(self, state: Surroundings) -> float | None:
         """Return the time until the next run is armed, s; None if no run will be armed."""
         is_continued = self._until is Until.COMPLETE or (
-            self._until is Until.EXCITATION and now.kind == self._armed_kind
+            self._until is Until.EXCITATION and state.kind == self._armed_kind
         )
-        if not self._is_judged or now.due is None or not is_continued:
+        if not self._is_judged or state.due is None or not is_continued:
             return None
-        return max(now.accept_after_s - (now.t_ns - self.since_ns) * 1e-9, 0.0)
+        return max(state.accept_after_s - (state.t_ns - self.since_ns) * 1e-9, 0.0)
 
-    def arm(self, until: Until, now: Surroundings) -> None:
+    def arm(self, until: Until, state: Surroundings) -> None:
         """Arm; this does not interrupt a run or a countdown."""
         self.halted = ""
-        if now.due is None:
+        if state.due is None:
             self.phase, self._until = Phase.COMPLETE, None
             return
-        self._until, self._armed_kind = until, now.kind
-        self._runs_at_arming = len(now.run_log.runs)
+        self._until, self._armed_kind = until, state.kind
+        self._runs_at_arming = len(state.run_log.runs)
         if not self.running and self.phase not in (Phase.WAITING, Phase.ARMED):
             self.label = ""
-            self._enter(Phase.WAITING, now.t_ns)
+            self._enter(Phase.WAITING, state.t_ns)
 
-    def pause(self, now: Surroundings) -> None:
+    def pause(self, state: Surroundings) -> None:
         """Pause; a run that is being recorded is completed."""
         self._until, self.halted = None, ""
         if not self.running:
-            self._enter(Phase.PAUSED, now.t_ns)
+            self._enter(Phase.PAUSED, state.t_ns)
 
-    def choose(self, now: Surroundings) -> None:
+    def choose(self, state: Surroundings) -> None:
         """Enter the phase after a person has chosen a step."""
         if self.phase is Phase.COMPLETE:
-            self._enter(Phase.IDLE, now.t_ns)
-        self._stop_before_other_kind(now)
+            self._enter(Phase.IDLE, state.t_ns)
+        self._stop_before_other_kind(state)
 
-    def turn(self, now: Surroundings) -> None:
+    def turn(self, state: Surroundings) -> None:
         """Enter the next phase if it is time for it, or if the car has come to rest or moves."""
-        age_s = (now.t_ns - self.since_ns) * 1e-9
+        age_s = (state.t_ns - self.since_ns) * 1e-9
         if age_s < 0 and not self.running:  # the clock was set back
-            self.since_ns = now.t_ns
-        if self.phase is Phase.TRIGGERED and age_s >= now.bump_s:
+            self.since_ns = state.t_ns
+        if self.phase is Phase.TRIGGERED and age_s >= state.bump_s:
             self.phase = Phase.DECAY
-        if self._is_judged and age_s >= now.accept_after_s:  # the countdown is over
-            if now.due is None:
+        if self._is_judged and age_s >= state.accept_after_s:  # the countdown is over
+            if state.due is None:
                 self._until = None
-                self._enter(Phase.COMPLETE, now.t_ns)
+                self._enter(Phase.COMPLETE, state.t_ns)
             elif self._until is None:
-                self._enter(Phase.PAUSED, now.t_ns)
+                self._enter(Phase.PAUSED, state.t_ns)
             else:
-                self._enter(Phase.WAITING, now.t_ns)
-                self._stop_before_other_kind(now)
-        if self.phase is Phase.WAITING and now.ready:
-            self._enter(Phase.ARMED, now.t_ns)
-        elif self.phase is Phase.ARMED and not now.ready:
-            self._enter(Phase.WAITING, now.t_ns)
+                self._enter(Phase.WAITING, state.t_ns)
+                self._stop_before_other_kind(state)
+        if self.phase is Phase.WAITING and state.ready:
+            self._enter(Phase.ARMED, state.t_ns)
+        elif self.phase is Phase.ARMED and not state.ready:
+            self._enter(Phase.WAITING, state.t_ns)
 
     def bump(self, label: str, bump_ns: int) -> None:
         """Begin to record a run."""
         self.label = label
         self._enter(Phase.TRIGGERED, bump_ns)
 
-    def judge(self, now: Surroundings) -> None:
+    def judge(self, state: Surroundings) -> None:
         """Enter the phase after the verdict on the run that was being recorded."""
-        self._enter(self._judged_phase(now), now.t_ns)
+        self._enter(self._judged_phase(state), state.t_ns)
         # Three runs in a row that the recorder rejects for one reason: a person must find it.
-        last_runs = now.run_log.runs[self._runs_at_arming :][-3:]
+        last_runs = state.run_log.runs[self._runs_at_arming :][-3:]
         codes = {run.failed.code if run.failed and not run.by else "" for run in last_runs}
         alike = len(last_runs) == 3 and len(codes) == 1 and "" not in codes
         if alike and self._until is not Until.COMPLETE:
-            self._enter(Phase.IDLE, now.t_ns)
+            self._enter(Phase.IDLE, state.t_ns)
             self._until, self.halted = None, codes.pop()
 
-    def decide(self, now: Surroundings) -> None:
+    def decide(self, state: Surroundings) -> None:
         """Enter the phase after a person's verdict, or after undoing or redoing one.
 
         A verdict on the last judged run restarts the countdown.  If the last run of a complete
         campaign is rejected, the campaign is no longer complete.
         """
-        if self._is_judged and now.run_log.run(self.label) is not None:
-            if self._judged_phase(now) is not self.phase:
-                self._enter(self._judged_phase(now), now.t_ns)
-        elif self.phase is Phase.COMPLETE and now.due is not None:
-            self._enter(Phase.IDLE, now.t_ns)
-        elif now.due is None and not self.running:
+        if self._is_judged and state.run_log.run(self.label) is not None:
+            if self._judged_phase(state) is not self.phase:
+                self._enter(self._judged_phase(state), state.t_ns)
+        elif self.phase is Phase.COMPLETE and state.due is not None:
+            self._enter(Phase.IDLE, state.t_ns)
+        elif state.due is None and not self.running:
             self._until = None
-            self._enter(Phase.COMPLETE, now.t_ns)
+            self._enter(Phase.COMPLETE, state.t_ns)
         else:
-            self._stop_before_other_kind(now)
+            self._stop_before_other_kind(state)
 
     @property
     def _is_judged(self) -> bool:
         return self.phase in (Phase.ACCEPTED, Phase.REJECTED)
 
-    def _judged_phase(self, now: Surroundings) -> Phase:
+    def _judged_phase(self, state: Surroundings) -> Phase:
         """Return the phase after the verdict that the log has on the last run."""
-        run = now.run_log.run(self.label)
+        run = state.run_log.run(self.label)
         accepted = run is not None and run.status is RunStatus.ACCEPTED
         return Phase.ACCEPTED if accepted else Phase.REJECTED
 
-    def _stop_before_other_kind(self, now: Surroundings) -> None:
+    def _stop_before_other_kind(self, state: Surroundings) -> None:
         """Stop if it was not armed for the kind of bump that is due.
 
         A person has to move the boards first, and then arm again.
         """
         is_armed = self.phase in (Phase.WAITING, Phase.ARMED)
-        if is_armed and now.kind != self._armed_kind and self._until is not Until.COMPLETE:
+        if is_armed and state.kind != self._armed_kind and self._until is not Until.COMPLETE:
             self._until = None
-            self._enter(Phase.IDLE, now.t_ns)
+            self._enter(Phase.IDLE, state.t_ns)
 
     def _enter(self, phase: Phase, t_ns: int) -> None:
         self.phase, self.since_ns = phase, t_ns

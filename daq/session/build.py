@@ -180,6 +180,7 @@ def _coverage_faults(
 
     An edge of a run may be as long without frames as the recorder's verdict and the identification
     allow: a run that was accepted at the bench is accepted in its session.
+    If the recording ended within the run this is the only reason.
     """
     length_s = (stop_ns - start_ns) * 1e-9
     end_s = (int(frames.t_ns.max()) - start_ns) * 1e-9 if len(frames) else 0.0
@@ -242,7 +243,7 @@ def derive(segments: Sequence[Path], target: Path, *, replacing: bool = True) ->
 
 
 def _refuse_to_lose_runs(target: Path, new: Session) -> None:
-    """Raise InputError if there is a file that has something that a new session has not.
+    """Raise InputError if there is a file that is not an earlier, smaller one of this session.
 
     A journal whose segments were deleted or damaged gives fewer runs or frames than before.
     """

@@ -55,7 +55,7 @@ def recording(channel_map: ChannelMap, file: Columns) -> Recording:
     """
     start_ns = file.start_ns
     channels = []
-    # By clock and rows: the times, and the values by channel.
+    # By clock and mask of the rows with values: the times, and the values by channel.
     sampled: dict[
         tuple[str, bytes], tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]
     ] = {}
@@ -122,7 +122,8 @@ def _seconds(stamps: Column, stated: str, channel: Channel) -> tuple[NDArray[np.
 
     Times from 1970 are counted from the whole second in which they begin.  It is subtracted before
     they are rounded: in nanoseconds since 1970 a float64 steps by 256.  `stated`: their unit in the
-    map; empty: as in the file.
+    map; empty: as in the file.  Raises InputError if the unit is none of time, or they lie after
+    2100.
     """
     unit = stated or stamps.unit or "s"
     si = known_si(unit)
@@ -160,11 +161,11 @@ def bumps_in(channel_map: ChannelMap, recorded: Recording) -> tuple[Event, ...]:
         if name in triggers and len(group.t_ns)
     }
     state, events = trigger.TriggerState(), list[Event]()
-    # Pieces of one second: the trigger's work grows with the square of their length.
+    # Blocks of one second: the trigger's work grows with the square of their length.
     first_ns = min((int(t_ns[0]) for t_ns, _ in traces.values()), default=0)
-    since_ns = [t_ns - first_ns for t_ns, _ in traces.values()]
-    seconds = {second for ns in since_ns for second in np.unique(ns // _BLOCK_NS).tolist()}
-    for second in sorted(seconds):
+    stamps_ns = [t_ns - first_ns for t_ns, _ in traces.values()]
+    seconds = {second for ns in stamps_ns for second in np.unique(ns // _BLOCK_NS).tolist()}
+    for second in sorted(seconds):  # those that have samples
         span_ns = first_ns + second * _BLOCK_NS, first_ns + (second + 1) * _BLOCK_NS
         block = {}
         for name, (t_ns, value) in traces.items():
@@ -214,7 +215,10 @@ def given_run(
 
 
 def _coverage_fault(time_s: NDArray[np.float64], length_s: float) -> str:
-    """Return why samples do not cover a window from 0 to `length_s`; empty if they do."""
+    """Return why samples do not cover a window from 0 to `length_s`; empty if they do.
+
+    Fewer than two samples cover none.
+    """
     if len(time_s) < 2:
         return f"has {counted(len(time_s), 'sample')}"
     edge_s = allowed_silence_s(float(np.median(np.diff(time_s))))

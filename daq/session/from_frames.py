@@ -72,7 +72,7 @@ class Intake:
         self._losses: list[tuple[int, ...]] = []  # latest time stamp, ns, and `HopLosses`
 
     def goes_on_with(self, batch: FrameBatch) -> bool:
-        """Return True if a block follows the earlier blocks without a gap of a second."""
+        """Return whether a block is the first, or follows the others without a gap of a second."""
         if self._end_ns is None:
             return True
         return 0 <= int(batch.t_ns[0]) - self._end_ns < 1_000_000_000
@@ -81,10 +81,9 @@ class Intake:
         """Add a block, and the losses counted up to it; return the number of bumps found."""
         self._losses.append((int(batch.t_ns.max()), *hops))
         self._recent.append(batch)
-        # The bumps of this block are found after it was added.  The first of them may need the
-        # frames before the block, however long the block is.
+        # A run of a bump in this block may begin `pre_s` before the block; its frames may arrive
+        # 2 s late.  Earlier blocks are needed no more, but for the bumps that are known by now.
         config = self._bench.trigger
-        # Some frames arrive late, up to 2 s.
         needed_from_ns = config.window_ns(int(batch.t_ns.min()))[0] - 2_000_000_000
         while self._recent and int(self._recent[0].t_ns.max()) < needed_from_ns:
             self._keep(self._recent.pop(0))
@@ -201,8 +200,9 @@ def redecoded(session: Session, bench: Bench, where: str, provenance: Mapping[st
     """Return a session decoded again with a bench's databases and channels; bumps keep their times.
 
     A reason of a rejection goes if the new decoding does not confirm it; a reason that the old
-    decoding did not give comes from the operator and is kept.  `provenance`: entries beside DBC
-    and bench.toml. Raises InputError if a run has no raw frames, or channels and DBC do not fit.
+    decoding did not give comes from the operator and is kept.  A run that was rejected without a
+    reason stays rejected.  `provenance`: entries beside DBC and bench.toml.  Raises InputError if a
+    run has no raw frames, or channels and DBC do not fit.
     """
     new = _rebuilt(session, bench, where)
     old_texts = session.provenance

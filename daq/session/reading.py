@@ -353,9 +353,10 @@ def _lines(content: Content, path: str, name: str) -> tuple[str, ...]:
 def _values(
     content: Content, path: str, dtype: str, shape: tuple[int, ...] | None = None
 ) -> NDArray[Any]:
-    """Return the values of a dataset as `dtype`; the default of `shape` is a column of any length.
+    """Return the values of a dataset as `dtype`; text stays as it is stored.
 
-    Raises SchemaError if it is absent, or has another kind of type or another shape.
+    `shape`: None for one column of any length.  Raises SchemaError if it is absent, or has another
+    kind of type or another shape.
     """
     values = content[path].values if path in content else None
     if values is None:
@@ -371,8 +372,12 @@ def _values(
 def _rows(
     content: Content, path: str, columns: Mapping[str, str], needed: Collection[str]
 ) -> list[dict[str, Any]]:
-    """Return the rows of a table by column, without columns that an older file does not have."""
-    _attributes(content, path)
+    """Return the rows of a table by column, without columns that an older file does not have.
+
+    `columns`: their types.  Raises SchemaError if there is no table, or a column of `needed` is
+    absent.
+    """
+    _attributes(content, path)  # raises if it is no group
     present = [name for name in columns if name in needed or f"{path}/{name}" in content]
     cells = {
         name: [

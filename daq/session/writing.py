@@ -99,9 +99,9 @@ def digests(content: Content) -> dict[str, str]:
     run_paths = sorted(p for p in content if p.startswith("/runs/") and p.count("/") == 2)
     hashes = {part: sha256() for part in (*run_paths, *PARTS) if part in content}
     for path in sorted(content):
-        names = path.split("/")
-        run_path = "/".join(names[:3])
-        part_hash = hashes.get(run_path) or hashes.get("/".join(names[:2]))
+        names = path.split("/")  # "", part, and in /runs the run
+        run_path, part_path = "/".join(names[:3]), "/".join(names[:2])
+        part_hash = hashes.get(run_path) or hashes.get(part_path)
         if part_hash is not None:
             item = content[path]
             attributes = {k: v for k, v in item.attributes.items() if k != CHECKSUM}
@@ -344,7 +344,7 @@ def _image(content: Content) -> memoryview:
 
 
 def _h5_attribute(value: Attribute) -> Any:
-    """Return an attribute as h5py writes it: texts of fixed length, masks as narrow integers."""
+    """Return an attribute for h5py: tuples of text as fixed lengths, of numbers as narrow ones."""
     if not isinstance(value, tuple):
         return value
     cells = np.array([each.encode() if isinstance(each, str) else each for each in value])

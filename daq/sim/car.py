@@ -188,7 +188,7 @@ def true_reading(
 ) -> Array:
     """Return the reading of a perfect sensor in the true position.
 
-    Rotations are small, as in the plant: a vertical accelerometer's share of gravity is 1 g.
+    Rotations are small, as in the plant: a vertical accelerometer reads 1 g at rest.
 
     `sensor`: true position of the sensor.  `unloaded`: the car on which displacements were zeroed
     at rest; any other loading gives them a constant offset.  `motion`: n instants;

@@ -200,7 +200,7 @@ class Bump:
     @property
     def crest_m(self) -> Array:
         """Height of the bump under each wheel, m, (4, 1)."""
-        return self.height_m * np.array(BUMPS[self.excitation].shares)[:, None]
+        return self.height_m * np.array(BUMPS[self.excitation].height_ratios)[:, None]
 
     @property
     def omega_rad_s(self) -> float:

@@ -121,7 +121,7 @@ def _road_force(model: PhysicalModel, excitation: Excitation) -> NDArray[np.floa
     """
     heave = np.array([1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
     tyres = model.K @ heave
-    return np.concatenate([np.zeros(3), tyres[3:] * np.array(BUMPS[excitation].shares)])
+    return np.concatenate([np.zeros(3), tyres[3:] * np.array(BUMPS[excitation].height_ratios)])
 
 
 def _free_motion(

@@ -122,7 +122,7 @@ def missing_runs(estimation: Estimation) -> str:
     """Return the kind of runs without which a campaign shows no car; nothing if it has them."""
     labels = [record.label for record in estimation.records]
     # By how much of its height each kind of bump lifts the wheels: front left, front right, rear ..
-    lifts = [bump.shares for kind, bump in BUMPS.items() if any(f"_{kind}_" in n for n in labels)]
+    lifts = [b.height_ratios for kind, b in BUMPS.items() if any(f"_{kind}_" in n for n in labels)]
     if not any(fl != fr or rl != rr for fl, fr, rl, rr in lifts):
         return "roll"
     return "" if any(fl != rl or fr != rr for fl, fr, rl, rr in lifts) else "pitch"
