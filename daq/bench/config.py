@@ -138,13 +138,9 @@ class VehicleTable(Table):
 
     def vehicle(self, facts: tuple[Fact, ...]) -> Vehicle:
         """Return the vehicle of which these facts are known."""
-        elements = dict(self.structure)
-        structure = Structure(
-            elements.pop("symmetric", True),
-            elements.get("anti_roll_bars", False),
-            elements.get("tyre_damping", False),
-            elements.get("cg_offset", False),
-        )
+        stated = self.structure
+        structure = Structure(**{k: stated[k] for k in Structure.__slots__ if k in stated})
+        elements = {name: on for name, on in stated.items() if name != "symmetric"}
         g = self.geometry
         lengths = VehicleGeometry(g.a_m, g.b_m, g.t_f_m, g.t_r_m) if g else None
         return Vehicle(self.name, lengths, structure, facts, elements)

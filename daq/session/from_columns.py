@@ -59,12 +59,12 @@ def recording(channel_map: ChannelMap, file: Columns) -> Recording:
     sampled: dict[
         tuple[str, bytes], tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]
     ] = {}
-    for stated in channel_map.bench.channels:
+    for stated in channel_map.channels:
         column = file.columns[stated.signal]
         si = si_unit(stated, column.unit, file.where)
-        channel = replace(stated, unit=si.unit)
+        channel = stated.channel(si.unit)
         channels.append(channel)
-        clock, time_s, zero_ns = _clock_of(channel, column, channel_map.clocks[channel.name], file)
+        clock, time_s, zero_ns = _clock_of(channel, column, channel_map.clock(stated), file)
         start_ns = zero_ns or start_ns
         raw = np.asarray(column.values, np.float64)
         value = channel_values(channel, si.factor, si.offset, raw)
@@ -171,14 +171,14 @@ def bumps_in(channel_map: ChannelMap, recorded: Recording) -> tuple[Event, ...]:
         for name, (t_ns, value) in traces.items():
             rows = slice(*np.searchsorted(t_ns, span_ns))
             block[name] = t_ns[rows], value[rows]
-        state, new_events = trigger.advance(channel_map.bench.trigger, state, block)
+        state, new_events = trigger.advance(channel_map.trigger, state, block)
         events += new_events
     return tuple(event for event in events if event.code == trigger.BUMP)
 
 
 def bump_run(channel_map: ChannelMap, recorded: Recording, step: Step, bump: Event) -> Run:
     """Return the run around a bump, as long as the map's trigger states."""
-    config = channel_map.bench.trigger
+    config = channel_map.trigger
     onset_s = (bump.t_ns - recorded.start_ns) * 1e-9
     begin_s, end_s = onset_s - config.pre_s, onset_s + config.post_s
     run = given_run(channel_map, recorded, step, begin_s, end_s)
@@ -207,7 +207,7 @@ def given_run(
         excitation=step.excitation,
         repeat=step.repeat,
         t0_ns=recorded.start_ns + round(start_s * 1e9),
-        bump_s=channel_map.bench.campaign.bump_s,
+        bump_s=channel_map.campaign.bump_s,
         groups=tuple(groups),
         status=RunStatus.REJECTED if reasons else RunStatus.ACCEPTED,
         reasons=tuple(reasons),
@@ -247,8 +247,8 @@ def session_from_columns(
         # The same files give the same uuid, however often they are imported.
         "uuid": str(uuid.UUID(bytes=digest.digest()[:16])),
         "created": utc_text(runs[0].t0_ns if runs else 0),
-        "channel_map": channel_map.bench.text,
+        "channel_map": channel_map.text,
         **provenance,
     }
-    bench = channel_map.bench
-    return Session(bench.vehicle, tuple(channels), bench.mass_states, tuple(runs), full_provenance)
+    vehicle, mass_states = channel_map.vehicle, channel_map.mass_states
+    return Session(vehicle, tuple(channels), mass_states, tuple(runs), full_provenance)

@@ -21,7 +21,7 @@ from dbc.frames import FrameBatch
 from dbc.words import BumpbenchError, InputError
 
 from ..bench.campaign import Step
-from ..bench.config import Bench, bench_codec, parse_bench
+from ..bench.config import Bench, DescribedCar, bench_codec, parse_bench
 from ..bus.source import HopLosses
 from ..journal.reader import HopCounts
 from ..runs import Event, Excitation, Run, RunStatus
@@ -139,7 +139,7 @@ def numbered(labels: Iterable[Sequence[str]]) -> tuple[Step, ...]:
     return tuple(steps)
 
 
-def require_mass_states(bench: Bench, steps: Iterable[Step | Run]) -> None:
+def require_mass_states(bench: DescribedCar, steps: Iterable[Step | Run]) -> None:
     """Raise InputError if a step is of a mass state that the bench does not have."""
     state_names = [state.name for state in bench.mass_states]
     for step in steps:

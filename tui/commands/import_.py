@@ -82,8 +82,8 @@ def import_(
             if channel_map.runs and (one_run_each or runs or skip or len(files) > 1):
                 advice = "name one file, and no --run, --runs or --skip"
                 raise InputError(str(channels), "states the times of its runs", advice)
-            steps = steps or channel_map.bench.campaign.steps
-            require_mass_states(channel_map.bench, steps)
+            steps = steps or channel_map.campaign.steps
+            require_mass_states(channel_map, steps)
             imported = import_channels(channel_map, files, steps, skip, one_run_each, stage)
         else:
             bench = load_bench(config)

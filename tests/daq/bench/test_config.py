@@ -405,6 +405,9 @@ RUN = '[[run]]\nmass_state = "baseline"\nexcitation = "roll"\nstart_s = 10.0\n'
         (MAP + RUN + "stop_s = 10.0\n", "after start_s"),
         (MAP + RUN + "stop_s = 9.0\n", "after start_s"),
         (MAP + RUN + "stop_s = 3610.1\n", "after start_s"),
+        (MAP + RUN.replace("baseline", "moon") + "stop_s = 11.0\n", "run.1.mass_state: must be"),
+        ("[[chanel]]\n", "unknown key chanel"),
+        ("[bus]\n" + MAP, "unknown key bus"),
         (MAP + "rate_hz = 0.0\n", "rate_hz"),
         (MAP + "rate_hz = 1.1e7\n", "rate_hz"),
         (MAP + f"time_unit = {text(17)}\n", "time_unit"),
@@ -431,11 +434,11 @@ def test_what_a_channel_map_says(tmp_path: Path) -> None:
         "utf-8",
     )
     found = load_channel_map(path)
-    first, second, last = (found.clocks[name] for name in "abc")
+    first, second, last = (found.clock(channel) for channel in found.channels)
     assert (first.column, first.unit, first.rate_hz) == ("t", "ms", None)
     assert (second.column, second.unit, second.rate_hz) == ("u", "ms", None)
     assert (last.column, last.rate_hz) == ("", 1e7)
-    placed = found.bench.channels[1]
+    placed = found.channels[1]
     assert (placed.x_m, placed.position_sigma_m, placed.delay_s) == (-1.25, 0.01, 0.002)
     assert found.columns == ("A", "a" * 120, "C", "t", "u")
     ((step, *span_s),) = found.runs

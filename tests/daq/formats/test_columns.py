@@ -224,7 +224,7 @@ def test_the_trigger_finds_the_bumps(tmp_path: Path) -> None:
     found = recording(known, read_columns(path, known.columns))
     onsets = bumps_in(known, found)
     assert [event.t_ns for event in onsets] == [1_400_000_000, 5_400_000_000]
-    step = known.bench.campaign.steps[0]
+    step = known.campaign.steps[0]
     run = bump_run(known, found, step, onsets[1])
     assert (run.t0_ns, run.status) == (4_900_000_000, RunStatus.ACCEPTED)
     assert run.groups[0].time_s[[0, -1]] == pytest.approx([0.0, 1.498], abs=1e-9)
@@ -244,7 +244,10 @@ def test_the_trigger_finds_the_bumps(tmp_path: Path) -> None:
         ('[time]\ncolumn = "t"\nunit = "g"\n', "its times t are in 'g'"),
         ('[time]\ncolumn = "u"\n', r"has no column 'u' .*it has t, fl"),
         ('[time]\ncolumn = "t"\nrate_hz = 5\n', "either column or rate_hz"),
-        ('[[run]]\nmass_state="x"\nexcitation="roll"\nstart_s=0\nstop_s=1\n', "'x' is not on this"),
+        (
+            '[[run]]\nmass_state="x"\nexcitation="roll"\nstart_s=0\nstop_s=1\n',
+            "run.1.mass_state: must be 'baseline'",
+        ),
         ("[[run]]\nstart_s=1\nstop_s=1\n", "run.1.mass_state"),
         ('dbc = "a.dbc"\n', "unknown key dbc"),
     ],

@@ -414,7 +414,7 @@ def test_the_same_files_give_a_session_of_the_same_name() -> None:
     one = session_from_columns(known, found.channels, runs, {"software": "x"}).provenance
     assert one == session_from_columns(known, found.channels, runs, {"software": "x"}).provenance
     assert one["created"] == "2026-05-31T10:00:02+00:00"
-    assert (one["software"], one["channel_map"]) == ("x", known.bench.text)
+    assert (one["software"], one["channel_map"]) == ("x", known.text)
     group = replace(runs[0].groups[0], values={"fl": runs[0].groups[0].values["fl"] * 2})
     changed = [replace(runs[0], groups=(group,))]
     found_uuid = session_from_columns(known, found.channels, changed, {}).provenance["uuid"]
