@@ -12,9 +12,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from enum import StrEnum
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from dbc.frames import read_only
 
@@ -46,17 +48,21 @@ class Corner(StrEnum):
         return 1 if self.position % 2 == 0 else -1
 
 
+_Length = Annotated[float, Field(gt=0, le=20)]
+"""A length that a person writes, m: a larger one is in millimetres."""
+
+
 @dataclass(frozen=True, slots=True)
 class VehicleGeometry:
-    """Positions of the CG and the wheels."""
+    """Positions of the CG and the wheels; in bench.toml `[vehicle.geometry]`."""
 
-    a: float
+    a: Annotated[_Length, Field(alias="a_m")]
     """Distance from the CG of the sprung mass to the front axle, m."""
-    b: float
+    b: Annotated[_Length, Field(alias="b_m")]
     """Distance from the CG of the sprung mass to the rear axle, m."""
-    t_f: float
+    t_f: Annotated[_Length, Field(alias="t_f_m")]
     """Half width of the front axle, m."""
-    t_r: float
+    t_r: Annotated[_Length, Field(alias="t_r_m")]
     """Half width of the rear axle, m."""
 
 

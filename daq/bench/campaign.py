@@ -101,12 +101,12 @@ def sketch(campaign: Campaign, excitation: Excitation) -> tuple[str, ...]:
         Method.PUSH: ("   ", "[ ]", "(V) push down here"),
     }[method]
     lines = ["            front"]
-    for shares in (bump.height_ratios[:2], bump.height_ratios[2:]):
-        boards = [board if share else "   " for share in shares]
-        wheels = [wheel if share else "[ ]" for share in shares]
-        lines.append("         ".join(["     " + boards[0], boards[1]]).rstrip())
-        lines.append("---------".join(["     " + wheels[0], wheels[1]]))
-        lines.append("      |           |")
+    for is_lifted in (bump.height_ratios[:2], bump.height_ratios[2:]):
+        # Left and right wheel of an axle.
+        boards = [board if each else "   " for each in is_lifted]
+        wheels = [wheel if each else "[ ]" for each in is_lifted]
+        lines += [f"     {boards[0]}         {boards[1]}".rstrip()]
+        lines += [f"     {wheels[0]}---------{wheels[1]}", "      |           |"]
     if bump.hand is not None and method is Method.PUSH:
         forward, to_left = bump.hand  # each -1, 0 or 1
         row, column = {1: 2, 0: 3, -1: 5}[forward], 11 - 6 * to_left

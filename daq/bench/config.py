@@ -54,9 +54,8 @@ from .sensors import (
 )
 from .toml_file import NO_KEY, STRICT, Table, toml_tables, toml_text, validated
 
-# A larger value is in the wrong unit: a length in millimetres, a time in milliseconds.
+# A larger value is in the wrong unit.
 _Place = Annotated[float, Field(ge=-20, le=20)]
-_Length = Annotated[float, Field(gt=0, le=20)]
 _MINUTE, _MEGA, _GIGA = (AfterValidator(factor.__mul__) for factor in (60.0, 1e6, 1e9))
 
 
@@ -109,15 +108,6 @@ class TriggerConfig(Table):
         return bump_ns - round(self.pre_s * 1e9), bump_ns + round(self.post_s * 1e9)
 
 
-class GeometryTable(Table):
-    """`[vehicle.geometry]`."""
-
-    a_m: _Length
-    b_m: _Length
-    t_f_m: _Length
-    t_r_m: _Length
-
-
 def _of_known_elements(stated: dict[str, bool]) -> dict[str, bool]:
     """Return the stated structure; raises ValueError if an element is unknown."""
     for name in stated:
@@ -130,7 +120,7 @@ class VehicleTable(Table):
     """`[vehicle]`."""
 
     name: str = "vehicle"
-    geometry: GeometryTable | None = None
+    geometry: VehicleGeometry | None = None
     structure: Annotated[dict[str, bool], AfterValidator(_of_known_elements)] = Field(
         default_factory=dict
     )
@@ -141,9 +131,7 @@ class VehicleTable(Table):
         stated = self.structure
         structure = Structure(**{k: stated[k] for k in Structure.__slots__ if k in stated})
         elements = {name: on for name, on in stated.items() if name != "symmetric"}
-        g = self.geometry
-        lengths = VehicleGeometry(g.a_m, g.b_m, g.t_f_m, g.t_r_m) if g else None
-        return Vehicle(self.name, lengths, structure, facts, elements)
+        return Vehicle(self.name, self.geometry, structure, facts, elements)
 
 
 class WeightTable(Table):
@@ -426,5 +414,4 @@ def with_database(bench: Bench, path: Path) -> Bench:
         fault = f"is one database, but the bench has {n_databases}"
         raise InputError(str(path), fault, "name a bench.toml that states the corrected one")
     # Read again, because the full names of the channels of sensors depend on the databases.
-    channels = parse_bench(bench.text, bench.where, Path(), text).channels
-    return replace(bench, dbc_text=text, dbc_name=str(path), channels=channels)
+    return replace(parse_bench(bench.text, bench.where, Path(), text), dbc_name=str(path))

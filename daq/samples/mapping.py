@@ -86,11 +86,7 @@ def channel_values(
     channel: Channel, factor: float, offset: float, value: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the values of a channel; ``factor * value + offset`` is in SI units."""
-    value = factor * value
-    value += offset
-    value *= channel.sign * channel.scale
-    value -= channel.tare
-    return value
+    return (factor * value + offset) * (channel.sign * channel.scale) - channel.tare
 
 
 def map_channels(
