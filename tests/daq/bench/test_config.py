@@ -168,15 +168,9 @@ def test_a_mistake_is_one_line(name: str) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (
-            "[campaign]\nrepeat = 1\n",
-            "b.toml: unknown key campaign.repeat (remove it or",
-        ),
+        ("[campaign]\nrepeat = 1\n", "b.toml: unknown key campaign.repeat (remove it or"),
         ("\n[campain]\n", "b.toml: unknown key campain (remove it or correct its name)"),
-        (
-            "[campaign]\nexcitations = [\n 'bounce', 'pich',\n]\n",
-            "excitations.2: must be",
-        ),
+        ("[campaign]\nexcitations = [\n 'bounce', 'pich',\n]\n", "excitations.2: must be"),
         ("[campaign]\nrepeats = 'two'\n", "b.toml: campaign.repeats: must be a valid integer ("),
         ("[[weigh]]\nmass_kg = 1.0\n[[weigh]]\n", "b.toml: unknown key weigh ("),
         ("[[weight]]\nhub = 'FL'\nmass_kgg = 1.0\n", "b.toml: unknown key weight.1.mass_kgg ("),

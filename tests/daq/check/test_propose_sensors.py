@@ -57,9 +57,8 @@ def test_every_sensor_is_found_as_it_is_mounted_in_truth() -> None:
 
 
 def test_two_like_imus_are_two_sensors_and_four_nodes_are_four() -> None:
-    sensors = {
-        s.name: (s.database, s.bus_position, s.id_offset) for s in bench_of(proposal(True)).sensors
-    }
+    proposed = bench_of(proposal(True)).sensors
+    sensors = {s.name: (s.database, s.bus_position, s.id_offset) for s in proposed}
     assert sensors == {
         "imu_a_1": ("imu_a.dbc", 0, 0), "imu_a_2": ("imu_a.dbc", 1, 0),
         "imu_b": ("imu_b.dbc", 0, 0), "hubs": ("hubs.dbc", 0, 0),

@@ -171,10 +171,9 @@ def test_a_sensor_saturates_at_the_range_of_its_bits(codec: Codec) -> None:
 
 
 def test_weights_are_drawn_about_what_the_scales_showed() -> None:
-    bench = load_bench(None)
     unsure = WeightTable(mass_kg=30.0, x_m=0.1, y_m=0.5, sigma_kg=0.3, position_sigma_m=0.02)
     weights = (unsure, WeightTable(mass_kg=30.0, x_m=0.1, y_m=-0.5))
-    bench = replace(bench, weights=weights)
+    bench = replace(load_bench(None), weights=weights)
     drawn = [
         SimulatedCar().draw((), bench.mass_states, seed).mass_states["added"] for seed in range(300)
     ]
