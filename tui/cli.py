@@ -13,6 +13,7 @@ import sys
 import traceback
 from collections import defaultdict
 from collections.abc import Callable
+from io import TextIOWrapper
 from typing import Annotated, Any
 
 import typer
@@ -95,6 +96,9 @@ def main() -> None:
 
     SIGTERM is an exception then, as Ctrl-C is one, so that nothing is left half done.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # in the console's own encoding, ² may not exist
+            stream.reconfigure(errors="replace")
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     try:
         code = run(sys.argv[1:])
@@ -129,7 +133,7 @@ def run(arguments: list[str], commands: typer.Typer = app) -> int:
     except (BrokenPipeError, SystemExit) as error:  # the parser turns the first into the second
         if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
             raise
-        _discard_output()  # its reader has gone, so the command may end
+        _discard_output()  # the reader of a pipe, as `head`, has ended: the command may end, too
         return ExitCode.OK
     except Exception as error:
         from dbc import BumpbenchError, InputError  # this loads NumPy, which --help does not need

@@ -25,21 +25,30 @@ from .diagnostics import say
 
 
 def read_frames(bench: Bench, log: Path | None, skip_s: float, seconds: float) -> FrameBatch:
-    """Return some seconds of a log, from `skip_s` after its beginning, or of the bus from now."""
+    """Return some seconds of a log, from `skip_s` after its beginning, or of the buses from now."""
+    return _from_buses(bench, seconds) if log is None else _from_log(log, skip_s, seconds)
+
+
+def _from_log(log: Path, skip_s: float, seconds: float) -> FrameBatch:
+    """Return the frames of some seconds of a log, from `skip_s` after its first frame."""
     batches: list[FrameBatch] = []
-    if log is not None:
-        for batch in read_log(log):
-            batches.append(batch)
-            if int(batch.t_ns[-1]) - int(batches[0].t_ns[0]) > (skip_s + seconds) * 1e9:
-                break
-        frames = FrameBatch.concatenate(batches)
-        first_ns = int(frames.t_ns[0]) + round(skip_s * 1e9) if len(frames) else 0
-        end_ns = first_ns + round(seconds * 1e9)
-        return frames.select((frames.t_ns >= first_ns) & (frames.t_ns <= end_ns))
+    for batch in read_log(log):
+        batches.append(batch)
+        if int(batch.t_ns[-1]) - int(batches[0].t_ns[0]) > (skip_s + seconds) * 1e9:
+            break
+    if not batches:
+        return FrameBatch.empty()
+    start_ns = int(batches[0].t_ns[0]) + round(skip_s * 1e9)
+    return FrameBatch.concatenate(batches).within([(start_ns, start_ns + round(seconds * 1e9) + 1)])
+
+
+def _from_buses(bench: Bench, seconds: float) -> FrameBatch:
+    """Return the frames that come on the buses of a bench from now, in order of time."""
+    batches: list[FrameBatch] = []
     with ExitStack() as stack, output.progress("check") as stage:
         sources = []
-        for number, bus in enumerate(bench.buses):
-            sources.append(open_source(bus, number))
+        for position, bus in enumerate(bench.buses):
+            sources.append(open_source(bus, position))
             stack.callback(sources[-1].close)
         start_s = time.monotonic()
         while (elapsed_s := time.monotonic() - start_s) < seconds:
@@ -66,7 +75,7 @@ def named_buses(
             pattern,
             interface=interface or pattern.interface,
             channel=name,
-            bitrate=bitrate or 500_000,  # of most buses in vehicles
+            bitrate=bitrate or 500_000,  # bit/s, of most buses in vehicles
             name="",
         )
         for name in (channel or pattern.channel).split(",")

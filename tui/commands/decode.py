@@ -20,6 +20,11 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from dbc import Codec
+    from dbc.codec import Decoded
+
+    Row = tuple[str | int, ...]
+
 
 def decode(
     log: Annotated[Path, Argument(help=f"{LOG_FORMATS}.")],
@@ -40,7 +45,7 @@ def decode(
     from daq import InputError
     from daq.bench.config import bench_codec, load_bench
     from daq.formats.log import read_log
-    from dbc import counted, csv_text, load_codec, parse_codec, seconds_text, shipped_dbc
+    from dbc import counted, load_codec, parse_codec, shipped_dbc
 
     from ..bench import bus_numbers
 
@@ -71,35 +76,22 @@ def decode(
     for batch in frames:
         totals.update(frames=len(batch))
         wanted = batch.on_buses(chosen_buses)
-        row_times_ns: list[NDArray[np.int64]] = []  # of each row of each signal
-        rows: list[tuple[str | int, ...]] = []
+        times_ns: list[NDArray[np.int64]] = []
+        rows: list[Row] = []
         for bus_number in np.unique(wanted.bus).tolist() if several_buses else [None]:
             of_bus = wanted if bus_number is None else wanted.on_buses(frozenset([bus_number]))
-            bus_cell = () if bus_number is None else (bus_number,)
             decoded = codec.decode(of_bus)
             totals.update(asdict(decoded.counts))
-            t_ns, time_texts = None, list[str]()
-            for name, signal in decoded.samples.items():
-                samples[name] += len(signal.value)
-                if json:
-                    continue
-                if signal.t_ns is not t_ns:  # the signals of a message share their times
-                    t_ns, time_texts = signal.t_ns, list(map(seconds_text, signal.t_ns.tolist()))
-                row_times_ns.append(signal.t_ns[~np.isnan(signal.value)])
-                message, _, signal_name = name.rpartition(".")
-                unit = csv_text(codec.by_name[message].signal(signal_name).unit)
-                names = csv_text(message), csv_text(signal_name)
-                # The shortest text that reads back as the same number; whole ones as integers.
-                rows += [
-                    (time, *bus_cell, *names, repr(value).removesuffix(".0"), unit)
-                    for time, value in zip(time_texts, signal.value.tolist(), strict=True)
-                    if not isnan(value)
-                ]
+            samples.update({name: len(signal.value) for name, signal in decoded.samples.items()})
+            if not json:
+                bus_times_ns, bus_rows = _rows(codec, decoded, bus_number)
+                times_ns += bus_times_ns
+                rows += bus_rows
         if rows:
             if header:
                 writer.writerow(header)
                 header = []
-            order = np.argsort(np.concatenate(row_times_ns), kind="stable")
+            order = np.argsort(np.concatenate(times_ns), kind="stable")
             writer.writerows(rows[i] for i in order.tolist())
     if not samples:
         database = dbc or bench or "the shipped DBC"
@@ -116,3 +108,34 @@ def decode(
     if frames.loss.any:
         say(f"{log} is not whole: {frames.loss.text}")
     return ExitCode.DATA_LOST if frames.loss.any else ExitCode.OK
+
+
+def _rows(
+    codec: Codec, decoded: Decoded, bus_number: int | None
+) -> tuple[list[NDArray[np.int64]], list[Row]]:
+    """Return the times of the rows, ns, one array for each signal, and the rows of all signals.
+
+    Samples without a value have no row.  `bus_number`: second cell of each row; None for no cell.
+    """
+    import numpy as np
+
+    from dbc import csv_text, seconds_text
+
+    bus_cell = () if bus_number is None else (bus_number,)
+    times_ns: list[NDArray[np.int64]] = []
+    rows: list[Row] = []
+    t_ns, time_texts = None, list[str]()
+    for name, signal in decoded.samples.items():
+        if signal.t_ns is not t_ns:  # the signals of a message share their times
+            t_ns, time_texts = signal.t_ns, list(map(seconds_text, signal.t_ns.tolist()))
+        times_ns.append(signal.t_ns[~np.isnan(signal.value)])
+        message, _, signal_name = name.rpartition(".")
+        unit = csv_text(codec.by_name[message].signal(signal_name).unit)
+        names = csv_text(message), csv_text(signal_name)
+        # The shortest text that reads back as the same number; whole ones as integers.
+        rows += [
+            (time, *bus_cell, *names, repr(value).removesuffix(".0"), unit)
+            for time, value in zip(time_texts, signal.value.tolist(), strict=True)
+            if not isnan(value)
+        ]
+    return times_ns, rows

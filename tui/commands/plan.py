@@ -167,7 +167,7 @@ def expected_vehicle(path: Path | None, session: Session | None) -> tuple[NDArra
 
 
 def _precision(outlook: Outlook) -> dict[str, Any]:
-    """Return the largest and the mean interval, and what is not determined, for JSON."""
+    """Return the widest and the mean relative interval, and what is not determined, for JSON."""
     names = list(outlook.undetermined)
     return {"worst": outlook.worst, "mean": outlook.mean, "undetermined": names}
 
@@ -193,8 +193,8 @@ def _print_plan(
         elif not estimate.std:
             cells = ["given", ""]
         else:
-            share = f"{outlook.relative[name] * 100:.2f} %" if name in outlook.relative else ""
-            cells = [f"± {half_width(estimate.value, estimate.high)}", share]
+            relative = f"{outlook.relative[name] * 100:.2f} %" if name in outlook.relative else ""
+            cells = [f"± {half_width(estimate.value, estimate.high)}", relative]
         value = rounded(estimate.value, estimate.low, estimate.high)[0]
         rows.append([name, value, *cells, estimate.unit])
     columns = ["parameter", "expected", "95 % interval", "±", "unit"]

@@ -71,7 +71,8 @@ def record(
         traffic = simulated_traffic(bench, speed, fault or "")
     else:
         traffic = bus_traffic(bench, interface, channel)
-    lifetime = Lifetime(not idle, keep_on, replay is not None, demo or replay is not None)
+    is_replay = replay is not None
+    lifetime = Lifetime(arm=not idle, keep_on=keep_on, stay=is_replay, attended=demo or is_replay)
     with (
         lone_recorder(out),
         display_beside(out, display, "display", control) as served,

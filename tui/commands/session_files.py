@@ -198,8 +198,8 @@ def _print_contents(path: Path, session: Session) -> None:
     rows += [["model has", name, ""] for name, has in asdict(vehicle.structure).items() if has]
     for state in session.mass_states:
         for w in state.added.weights:
-            at = f"x {w.x_m:g} y {w.y_m:g} m" if isinstance(w, BodyWeight) else f"hub {w.corner}"
-            rows.append([f"in {state.name}", f"{w.mass_kg:g} kg at {at}", f"± {w.sigma_kg:g}"])
+            place = f"x {w.x_m:g} y {w.y_m:g} m" if isinstance(w, BodyWeight) else f"hub {w.corner}"
+            rows.append([f"in {state.name}", f"{w.mass_kg:g} kg at {place}", f"± {w.sigma_kg:g}"])
     if rows:
         output.print_table("Known beforehand", ["what", "value", ""], rows)
     entries = _provenance(session.provenance)

@@ -86,15 +86,16 @@ def tui(
         if not getattr(sys, stream).isatty():
             advice = "start it in one; `bumpbench record` and `status` need none"
             raise InputError("bumpbench tui", f"{stream} is not a terminal", advice)
-    arguments = [str(bench)] if bench and not replay else []  # of `bumpbench record`
-    if demo:
-        arguments += ["--idle", "--demo", "--speed", f"{speed:g}"]
-        arguments += ["--fault", fault] if fault else []
-    elif replay:
-        arguments += ["--replay", str(replay), "--speed", f"{speed:g}"]
+    if replay:  # the arguments of `bumpbench record`
+        arguments = ["--replay", str(replay), "--speed", f"{speed:g}"]
     else:
-        arguments += ["--idle", *(["--interface", interface] if interface else [])]
-        arguments += ["--channel", channel] if channel else []
+        arguments = [*([str(bench)] if bench else []), "--idle"]
+        options: dict[str, str | None] = {"--interface": interface, "--channel": channel}
+        if demo:
+            arguments += ["--demo", "--speed", f"{speed:g}"]
+            options = {"--fault": fault}
+        for option, value in options.items():
+            arguments += [option, value] if value else []
 
     def start() -> Process:
         if not (demo or replay):
@@ -117,9 +118,10 @@ def tui(
 def wanted_setup(
     bench: Path | None, interface: str | None, channel: str | None, demo: bool, replay: Path | None
 ) -> Setup:
-    """Return the setup that the terminal is started for; a bench that is not named may be any.
+    """Return the setup that the terminal is started for.
 
-    Raises InputError if the bench that is named is bad, also if a recorder runs already.
+    If neither bench, interface nor channel is named, and in a replay, any bench will do.  Raises
+    InputError if the bench that is named is bad, also if a recorder runs already.
     """
     from daq.bench.campaign import Origin
     from daq.control.messages import Setup, setup_of

@@ -48,10 +48,15 @@ def simulated_traffic(path: Path | None, speed: float, fault: str, seed: int = 1
 
     bench = replace(load_bench(path), origin=Origin.SIMULATED)
     newest: list[Status] = []  # one status at most, which the car acts on
-    spoils, codec = Fault(fault) if fault else None, bench_codec(bench)
-    setup = bench, codec, SimulatedCar(), seed, speed
     simulated = SimulatedBench(
-        *setup, lambda: newest[0] if newest else None, spoils, time.time_ns()
+        bench,
+        bench_codec(bench),
+        SimulatedCar(),
+        seed,
+        speed,
+        lambda: newest[0] if newest else None,
+        Fault(fault) if fault else None,
+        time.time_ns(),
     )
 
     def open_source(_: BusConfig, number: int) -> FrameSource:

@@ -169,7 +169,7 @@ class BenchApp(KeyboardApp):
 
     @on(NewsArrived)
     async def _process_news(self) -> None:
-        """Process all queued news; of several statuses only the newest one after a loss."""
+        """Process all queued news; of several statuses only the newest, and none before a loss."""
         if not self.screen_stack:  # the app is closing
             return
         status: Status | None = None
@@ -224,7 +224,10 @@ class BenchApp(KeyboardApp):
         self._shown_halt = status.halted
 
     async def _open_first(self, status: Status) -> None:
-        """Show the due step; ask for the operator's name unless the vehicle form does."""
+        """Show the due step; without `--auto` also the display's link, and ask for the operator.
+
+        The vehicle form asks for the operator's name itself.
+        """
         step = BenchStep.BASELINE if waits_unarmed(status) else progress(status).due
         await self.go_to(step)
         if self.auto:
@@ -257,7 +260,7 @@ class BenchApp(KeyboardApp):
                 self._publish(StateChanged())
 
     def _compare_setup(self, running: Setup) -> None:
-        """Ask once whether to attach to a recorder of another setup than the wanted one."""
+        """Ask once whether to attach to a recorder of another setup than the wanted one, if any."""
         if self._wanted_setup is None or not (texts := differences(running, self._wanted_setup)):
             return
         self._wanted_setup = None
@@ -292,7 +295,10 @@ class BenchApp(KeyboardApp):
         return reply
 
     async def configure(self, edit: Callable[[str], str]) -> bool:
-        """Send bench.toml as `edit` changes its text; return True if the recorder now has it."""
+        """Send bench.toml as `edit` changes its text; return True if the recorder now has it.
+
+        A mistake is shown to the operator; an unchanged text is not sent.
+        """
         try:
             text = edit(self.bench_text)
         except InputError as error:

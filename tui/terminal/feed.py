@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 
 RETRY_S = 0.5
 """Seconds between two attempts to connect."""
-SLICE_S = 0.25
-"""Longest wait for news at a time, s: then stop and reconnection are looked at."""
-ANSWER_S, SLOW_S = 2.0, 15.0
-"""Seconds that an answer may take; that of a check, which listens to the bus, may take longer."""
-BIRTH_S = 30.0
+NEWS_WAIT_S = 0.25
+"""Longest wait for news at a time, s: a stop or a request to reconnect waits as long."""
+ANSWER_S, CHECK_ANSWER_S = 2.0, 15.0
+"""Seconds that an answer may take; that of a check computes on the frames of up to 10 s."""
+STARTUP_S = 30.0
 """Seconds that a recorder whose process exists may take to answer: a busy machine needs that."""
 SILENT_S = 2.0
 """Seconds without news after which a recorder counts as lost; it publishes ten times a second."""
@@ -134,7 +134,7 @@ class RecorderFeed:
             self._recorder = self._start_recorder()
         except BumpbenchError as error:
             raise OrderRefusedError(str(error)) from error
-        # Until BIRTH_S have passed no loss is posted; then it is, also if one was posted before.
+        # Until STARTUP_S have passed no loss is posted; then it is, also if one was posted before.
         self._awaited_since_s, self._posted_loss = time.monotonic(), None
         if self._client is None and self._post is not None:
             self._post(STARTING)
@@ -150,7 +150,7 @@ class RecorderFeed:
         client = self._client
         if client is None:
             raise OrderRefusedError("no recorder answers: X starts one")
-        timeout_s = SLOW_S if isinstance(order, AskCheck) else ANSWER_S
+        timeout_s = CHECK_ANSWER_S if isinstance(order, AskCheck) else ANSWER_S
         try:
             reply = client.ask(order, timeout_s)
         except RecorderGoneError as error:
@@ -204,7 +204,7 @@ class RecorderFeed:
         """Return True while the process of a recorder may take longer to answer."""
         started_here = self._recorder is not None and self._recorder.poll() is None
         process_exists = started_here or is_locked(self._folder)
-        return process_exists and time.monotonic() - self._awaited_since_s <= BIRTH_S
+        return process_exists and time.monotonic() - self._awaited_since_s <= STARTUP_S
 
     def _connect(self) -> tuple[Client, Role]:
         """Return a connection and its role: in control if wanted and possible, else a viewer."""
@@ -223,10 +223,10 @@ class RecorderFeed:
         silent_s, in_control = 0.0, client.in_control
         while not self._stop.is_set() and not self._reconnect.is_set():
             try:
-                news = client.news(SLICE_S)
+                news = client.news(NEWS_WAIT_S)
             except RecorderGoneError:
                 return "the recorder has ended"
-            silent_s = silent_s + SLICE_S if news is None else 0.0
+            silent_s = silent_s + NEWS_WAIT_S if news is None else 0.0
             if news is not None:
                 post(news)
             elif silent_s >= SILENT_S:
@@ -237,7 +237,7 @@ class RecorderFeed:
         return ""
 
 
-RING_S = 60.0
+KEPT_S = 60.0
 """Seconds of samples that are kept."""
 
 
@@ -265,7 +265,7 @@ class Lanes:
         n_received = max((len(lane.low) for lane in live.lanes), default=0)
         if not n_received:
             return
-        n_kept = max(1, round(RING_S / live.bin_s))
+        n_kept = max(1, round(KEPT_S / live.bin_s))  # bins
         # Bins of another width, or farther away than a ring is long, share no ring with the old.
         if live.bin_s != self.bin_s or abs(live.first_bin - self.end_bin) > n_kept:
             self._rings.clear()

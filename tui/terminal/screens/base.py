@@ -179,7 +179,10 @@ def step_line(status: Status | None, here: BenchStep | None, good: str) -> Conte
 
 
 def top_line(app: BenchApp, width: int) -> Content:
-    """Return vehicle, day and operator as far as they fit; overload lamps, buses, losses, disk."""
+    """Return vehicle, day and operator as far as they fit, and the state of the bench (`_health`).
+
+    Without a recorder that answers, return this instead.
+    """
     status, lost = app.status, app.lost
     if lost is not None:
         again = "RECORDER LOST: X = start it again (in a field Esc, then X)"
@@ -196,7 +199,7 @@ def top_line(app: BenchApp, width: int) -> Content:
     vehicle = printable(status.vehicle, 24)
     texts = (f"{vehicle} · {day} · {person}", f"{vehicle} · {person}", person)
     heads = [Content(f" {origin}{text}") for text in texts]
-    columns = max(8, width - health.cell_length)
+    columns = max(8, width - health.cell_length)  # at least the beginning of the name
     head = next((head for head in heads if head.cell_length <= columns), heads[-1])
     return head.truncate(columns, pad=True) + health
 

@@ -21,7 +21,7 @@ from daq.control.messages import AskCheck, Mark, OverrideWarning, Phase, Status
 from dbc.words import Finding, printable
 
 from ..campaign import BenchStep
-from ..feed import RING_S
+from ..feed import KEPT_S
 from ..widgets import SPACE_INK, Cell, Question, Table, Words
 from .base import MARK_KEYS, BenchScreen
 
@@ -46,18 +46,18 @@ class CheckRow:
     overridden: bool = False
 
     @property
-    def blocks(self) -> bool:
+    def blocks_campaign(self) -> bool:
         """True if it keeps a campaign from beginning."""
         return self.state == FAIL and not self.overridden
 
     @property
-    def asks(self) -> bool:
+    def needs_override(self) -> bool:
         """True if the operator must override it."""
         return self.state == WARN and not self.overridden
 
 
 def push_words(corner: Corner, result: PushResult | None) -> str:
-    """Return what the person at the car does now: push, or what the result so far says."""
+    """Return what the person at the car does now; without a result: push the corner."""
     return result.text if result else f"push DOWN at the {spoken(corner)}, let go"
 
 
@@ -110,13 +110,13 @@ class CheckScreen(BenchScreen):
 
     def __init__(self) -> None:
         super().__init__()
-        self._items: tuple[Finding, ...] = ()  # of the recorder's last check
-        self._rows: list[CheckRow] = []
-        self._asking = False  # while an answer is awaited
+        self._findings: tuple[Finding, ...] = ()  # of the recorder's last check
+        self._rows: list[CheckRow] = []  # the lines that are shown
+        self._is_checking = False  # while the answer to a check is awaited
         self._zeroed = False  # once the recorder has checked samples with hands off the car
         self._corner: Corner | None = None  # whose push is awaited
-        self._begin_bin = 0  # of the lanes: that push is looked for from there
-        self._pushed: dict[Corner, PushResult] = {}
+        self._push_begin_bin = 0  # number of the lanes' bin from which that push is looked for
+        self._push_results: dict[Corner, PushResult] = {}
         self._acknowledged = ""  # answer of the sensors to the last push, in words
         self._failing: set[str] = set()  # subjects of the lines that failed when shown last
         self._hands_off_s = 0.0  # time that hands must still be off; 0: no zero is measured
@@ -130,7 +130,7 @@ class CheckScreen(BenchScreen):
 
     def on_mount(self) -> None:
         """Request the check now, and again each second."""
-        self.run_worker(self._ask(WINDOW_S))
+        self.run_worker(self._request_check(WINDOW_S))
         self.set_interval(PERIOD_S, self._check_again)
 
     @property
@@ -138,43 +138,52 @@ class CheckScreen(BenchScreen):
         """True while SPACE does something: not while the car is pushed or must be at rest."""
         return self._next[1] is not None
 
-    # Asking -------------------------------------------------------------------------------------
+    # The recorder's check -----------------------------------------------------------------------
 
     async def _check_again(self) -> None:
-        """Ask again, except during a push and just after it; called once a period."""
+        """Request the check, or go on with the zero's measurement; called once a period.
+
+        Nothing is requested during a push and just after it, or while another screen is in front.
+        """
         if not self.is_current:
             return
         if self._hands_off_s:
             remaining_s = max(0.0, self._hands_off_s - PERIOD_S)
-            if not remaining_s:  # the last second lasts until the answer arrives
-                self._zeroed = await self._ask(HANDS_OFF_S)
+            if not remaining_s:  # the last period lasts until the answer arrives
+                self._zeroed = await self._request_check(HANDS_OFF_S)
             if remaining_s or self._zeroed:
                 self._hands_off_s = remaining_s
             self._show()
         elif self._settling_s:
             self._settling_s = max(0.0, self._settling_s - PERIOD_S)
         elif self._corner is None:
-            await self._ask(WINDOW_S)
+            await self._request_check(WINDOW_S)
 
-    async def _ask(self, window_s: float) -> bool:
-        """Ask for the check of the last seconds; return True if the recorder answered."""
-        if self._asking or self.bench_app.status is None or self.bench_app.lost is not None:
+    async def _request_check(self, window_s: float) -> bool:
+        """Request the check of the last seconds; return True if the recorder answered.
+
+        Nothing is requested while an answer is awaited, or without a recorder.
+        """
+        if self._is_checking or self.bench_app.status is None or self.bench_app.lost is not None:
             return False
-        self._asking = True
+        self._is_checking = True
         try:
             reply = await self.bench_app.ask(AskCheck(window_s))
         finally:
-            self._asking = False
+            self._is_checking = False
         if reply is None:
             return False
-        self._items = reply.check
+        self._findings = reply.check
         self._show()
         return True
 
     # Showing ------------------------------------------------------------------------------------
 
     def show_status(self, status: Status) -> None:
-        """Show the lines anew; the mark stays on its line, or goes to one that begins to fail."""
+        """Show the lines, if the bench is known.
+
+        The mark stays on the line of its subject, but goes to a line that begins to fail.
+        """
         bench = self.bench_app.bench
         if bench is None or not self.query("#explained"):
             return
@@ -185,9 +194,9 @@ class CheckScreen(BenchScreen):
         if marked is not None and rows[cursor].subject != marked.subject:
             at_subject = (i for i, row in enumerate(rows) if row.subject == marked.subject)
             cursor = next(at_subject, cursor)
-        failing = {row.subject for row in rows if row.blocks}
+        failing = {row.subject for row in rows if row.blocks_campaign}
         if failing - self._failing:  # only once: then the person moves the mark
-            cursor = next(i for i, row in enumerate(rows) if row.blocks)
+            cursor = next(i for i, row in enumerate(rows) if row.blocks_campaign)
         lines.show(("", "", ""), [self._cells(row) for row in rows], cursor)
         self._failing = failing
         self._explain()
@@ -196,13 +205,13 @@ class CheckScreen(BenchScreen):
         """Return the lines of the check, of the push test and of the zero."""
         overridden = {o.subject: f"{o.reason} ({o.by})" for o in status.overrides}
         rows = []
-        for item in self._items:
+        for item in self._findings:
             row = CheckRow(WORDS[item.severity], item.subject, item.text, item.advice)
-            if row.asks and row.subject in overridden:
+            if row.needs_override and row.subject in overridden:
                 advice = f"overridden: {overridden[row.subject]}"
                 row = replace(row, advice=advice, overridden=True)
             rows.append(row)
-        if not self._items:
+        if not self._findings:
             rows.append(CheckRow(WAIT, "sensors", "listening"))
         if shows_push(bench.channels):
             skipped = [overridden.get(push_subject(corner)) for corner in ORDER]
@@ -214,7 +223,7 @@ class CheckScreen(BenchScreen):
 
     def _push_row(self, corner: Corner, reason: str | None) -> CheckRow:
         """Return the line on the push of a corner; `reason`: why a person skipped it, if so."""
-        subject, result = push_subject(corner), self._pushed.get(corner)
+        subject, result = push_subject(corner), self._push_results.get(corner)
         if reason is not None:
             return CheckRow(WARN, subject, f"skipped: {reason}", overridden=True)
         if corner is self._corner:
@@ -241,7 +250,7 @@ class CheckScreen(BenchScreen):
         if not self._zeroed:
             return CheckRow(WAIT, _ZERO, f"hands off for {HANDS_OFF_S:.0f} s")
         texts = []
-        for c, level in zero_offsets(self._items, bench.channels):
+        for c, level in zero_offsets(self._findings, bench.channels):
             level_text = f"{level * 1e3:+.1f} mm" if c.unit == "m" else f"{level:+.4f} {c.unit}"
             texts.append(f"{c.name} {level_text}")
         if not texts:
@@ -268,25 +277,25 @@ class CheckScreen(BenchScreen):
         if self.lost_words:
             return self.lost_words, None
         if corner is not None:
-            words = push_words(corner, self._pushed.get(corner))
-            waited_s = (app.lanes.end_bin - self._begin_bin) * app.lanes.bin_s
+            words = push_words(corner, self._push_results.get(corner))
+            waited_s = (app.lanes.end_bin - self._push_begin_bin) * app.lanes.bin_s
             remaining_s = max(0.0, _ASK_AGAIN_S - waited_s)
             return f"{words[:1].upper()}{words[1:]}, {remaining_s:.0f} s left", None
         if self._hands_off_s:
             return "Hands off the car.", None
-        if not self._items:
+        if not self._findings:
             return "Listening to the sensors.", None
-        if blocked := sum(row.blocks for row in self._rows):
+        if blocked := sum(row.blocks_campaign for row in self._rows):
             correct = f"correct {'it' if blocked == 1 else 'them'}"
             return f"{blocked} FAIL: {correct}, then SPACE goes on", None
         if (following := self._next_corner()) is not None:
             return "SPACE = push the corners", partial(self._begin_push, following)
         if not self._zeroed:
             return "SPACE = zero: hands off the car", self._measure_zero
-        if app.bench and zero_offsets(self._items, app.bench.channels):
+        if app.bench and zero_offsets(self._findings, app.bench.channels):
             return "SPACE = take this as zero", self._take_zero
-        if asks := sum(row.asks for row in self._rows):
-            return f"SPACE = override {asks} WARN", self._override_first
+        if needs_override := sum(row.needs_override for row in self._rows):
+            return f"SPACE = override {needs_override} WARN", self._override_first
         return "SPACE = the bench is fit: go on to step 3 Baseline", self._end_step
 
     def _mark_subject(self, subject: str) -> None:
@@ -315,7 +324,7 @@ class CheckScreen(BenchScreen):
 
     async def _override_first(self) -> None:
         """Ask for the reason to override the first warning."""
-        self.mark_row(next(i for i, row in enumerate(self._rows) if row.asks))
+        self.mark_row(next(i for i, row in enumerate(self._rows) if row.needs_override))
         self.action_override()
 
     async def _end_step(self) -> None:
@@ -355,8 +364,8 @@ class CheckScreen(BenchScreen):
             if not reason or await self.bench_app.ask(OverrideWarning(subject, reason)) is None:
                 return
             if skipped is not None:
-                self._pushed.pop(skipped, None)
-                await self._go_on()
+                self._push_results.pop(skipped, None)
+                await self._end_push()
             self._show()
 
         self.app.push_screen(Question(f"{subject}: {question}", "reason"), answered)
@@ -370,7 +379,7 @@ class CheckScreen(BenchScreen):
             return None
         skipped = {override.subject for override in app.status.overrides}
         open_corners = (c for c in ORDER if push_subject(c) not in skipped)
-        return next((c for c in open_corners if c not in self._pushed), None)
+        return next((c for c in open_corners if c not in self._push_results), None)
 
     async def _begin_push(self, corner: Corner, acknowledged: str = "") -> None:
         """Wait for a push; a mark in the recording names the corner.
@@ -381,8 +390,8 @@ class CheckScreen(BenchScreen):
         if app.status is None or app.status.phase is not Phase.IDLE:
             app.warn("a run is armed: pause it first")
             return
-        self._pushed.pop(corner, None)
-        self._corner, self._begin_bin = corner, app.lanes.end_bin
+        self._push_results.pop(corner, None)
+        self._corner, self._push_begin_bin = corner, app.lanes.end_bin
         self._acknowledged = acknowledged
         self._mark_subject(push_subject(corner))
         if await app.ask(Mark(push_subject(corner))) is None:
@@ -390,36 +399,40 @@ class CheckScreen(BenchScreen):
             self._show()
 
     async def on_live_arrived(self) -> None:
-        """Judge the push on the corner that is due; ask again without a push."""
+        """Judge the push on the corner that is due; without a push in time, ask for it again."""
         app, corner = self.bench_app, self._corner
         if corner is None or app.bench is None or not app.lanes.bin_s:
             return
         bin_s, end_bin = app.lanes.bin_s, app.lanes.end_bin
         # From the begin, however late this screen gets its turn: a push is over in a second.
-        begin_bin = max(self._begin_bin, end_bin - round(RING_S / bin_s))  # older bins are not kept
-        n_rest = round(10.0 / bin_s)  # bins before a push, which give the level at rest
+        oldest_bin = end_bin - round(KEPT_S / bin_s)
+        begin_bin = max(self._push_begin_bin, oldest_bin)
+        n_rest = round(10.0 / bin_s)  # 10 s of bins before a push give the level at rest
         first_bin, n_bins = begin_bin - n_rest, end_bin - begin_bin + n_rest
         channels = app.bench.channels
         envelopes = {c.name: app.lanes.window(c.name, first_bin, n_bins) for c in channels}
         result = judge_push(corner, channels, envelopes, n_rest, bin_s)
-        self._pushed[corner] = result
+        self._push_results[corner] = result
         if result.done:
-            await self._go_on(f"{spoken(corner)} seen: {result.text}")
+            await self._end_push(f"{spoken(corner)} seen: {result.text}")
         elif (end_bin - begin_bin) * bin_s >= _ASK_AGAIN_S:
-            self._begin_bin = end_bin
+            self._push_begin_bin = end_bin
             self.app.bell()
             self._acknowledged = f"{spoken(corner)} not seen yet"
             await app.ask(Mark(push_subject(corner)))
         else:
             self._show()
 
-    async def _go_on(self, acknowledged: str = "") -> None:
-        """Ask for the next corner if the last push was right, as `acknowledged` says; else stop."""
+    async def _end_push(self, acknowledged: str = "") -> None:
+        """End the wait for a push; ask for the next corner unless the last push was wrong.
+
+        `acknowledged`: what the sensors saw of the last push.
+        """
         corner, self._corner = self._corner, None
         self._settling_s = WINDOW_S + PERIOD_S
-        was_right = corner is None or corner not in self._pushed or self._pushed[corner].passed
+        result = self._push_results.get(corner) if corner is not None else None
         following = self._next_corner()
-        if was_right and following is not None:
+        if (result is None or result.passed) and following is not None:
             await self._begin_push(following, acknowledged)
         self._show()
 
@@ -433,7 +446,7 @@ class CheckScreen(BenchScreen):
         corner = self._marked_corner
         name = row.subject.removeprefix("channel ")
         if corner is not None:  # the first channel that moved the wrong way
-            inverted = self._pushed[corner].inverted if corner in self._pushed else ()
+            inverted = self._push_results[corner].inverted if corner in self._push_results else ()
             name = next(iter(inverted), "")
         channel = next((c for c in app.bench.channels if c.name == name), None)
         if channel is None or row.state != FAIL:
@@ -455,11 +468,11 @@ class CheckScreen(BenchScreen):
         channels = self.bench_app.bench.channels if self.bench_app.bench else ()
 
         def tared(text: str) -> str:
-            for channel, level in zero_offsets(self._items, channels):
+            for channel, level in zero_offsets(self._findings, channels):
                 text = with_channel(text, channel.name, tare=round(channel.tare + level, 7))
             return text
 
         if await self.bench_app.configure(tared):
-            self._items = ()  # readings from before the new zero are invalid
+            self._findings = ()  # readings from before the new zero are invalid
             self._settling_s = WINDOW_S
             self._show()

@@ -133,7 +133,8 @@ class WorkScreen(SessionScreen):
             return lines, "SPACE = try again"
         if self.stage not in _UNDER_WAY:
             return self.idle_lines_and_keys()
-        *done_parts, present_part = [*self._begun_parts][-6:] or [""]  # the newest, as they fit
+        # Of the parts the newest six, as many as 24 rows have room for.
+        *done_parts, present_part = [*self._begun_parts][-6:] or [""]
         lines = [f"  {glyphs.good} {printable(part)}" for part in done_parts]
         lines += [f"  {glyphs.now} {printable(present_part)}"]
         elapsed_s = monotonic() - self._begun_s
@@ -146,7 +147,7 @@ class WorkScreen(SessionScreen):
     @property
     def may_take(self) -> bool:
         """True while the worker looks for more than the answer that it has."""
-        # The identification names a part so while it tries further elements.
+        # While the identification tries further elements, its part begins with these words.
         has_answer = any(part.startswith("so far") for part in self._begun_parts)
         return self.stage is Stage.WORKING and has_answer and not self.take.is_set()
 
