@@ -33,8 +33,7 @@ from .commands.session_files import export, inspect, redecode, validate
 from .commands.simulate import replay, simulate
 from .commands.study import study
 from .commands.tui import tui
-from .diagnostics import ExitCode, report, report_usage, say
-from .output import software
+from .output import ExitCode, report, report_usage, say, software
 
 GROUPS: dict[str, tuple[Callable[..., object], ...]] = {
     "To begin with": (demo, simulate, notebook),

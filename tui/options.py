@@ -1,11 +1,19 @@
-"""Arguments and options that several commands have; they load nothing."""
+"""Arguments and options that several commands have, and the bench that they name.
+
+Nothing large is loaded at the top.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument, Option
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from daq.bench.config import Bench
 
 LOG_FORMATS = "BLF, ASC, TRC, MF4, candump, CSV of python-can, or a journal"
 
@@ -46,3 +54,69 @@ Operator = Annotated[
 ]
 
 JsonResult = Annotated[bool, Option("--json", help="Print the result as JSON.")]
+
+
+def shared_bench(path: Path | None, interface: str | None, channel: str | None) -> Bench:
+    """Return the bench, on a bus that other processes can reach.
+
+    `path`: bench.toml; the shipped one if None.  `interface` and `channel`: replace those of the
+    file.  Raises InputError if the file is bad, or the bus is python-can's `virtual`, which ends at
+    this process.
+    """
+    from daq import InputError
+    from daq.bench.config import load_bench, on_bus
+
+    if path is None and interface and not channel:  # the shipped channel is of another interface
+        raise InputError(f"--interface {interface}", "names no channel", "add --channel can0, say")
+    bench = on_bus(load_bench(path), interface, channel)
+    return reachable(bench, str(path or "bench.toml (shipped)"))
+
+
+def reachable(bench: Bench, where: str) -> Bench:
+    """Return the bench if its buses reach other processes.
+
+    Raises InputError if one is python-can's `virtual`; `where` is named.
+    """
+    from daq import InputError
+
+    if any(bus.interface == "virtual" for bus in bench.buses):
+        raise InputError(
+            where,
+            "interface virtual does not reach other processes",
+            "name your bus: --interface socketcan --channel can0; without any hardware:"
+            " --interface udp_multicast --channel 239.74.163.2",
+        )
+    return bench
+
+
+def bus_numbers(bench: Bench, names: Sequence[str]) -> frozenset[int]:
+    """Return the numbers of buses that are named by name, channel or number.
+
+    A number is the position in bench.toml; on a bench of one bus it is that of the log.  Raises
+    InputError if the bench has no such bus.
+    """
+    from daq import InputError
+
+    # A log has up to 256 buses: one byte names that of a frame.
+    n_buses = len(bench.buses) if len(bench.buses) > 1 else 256
+    numbers: set[int] = set()
+    for name in names:
+        named = [i for i, bus in enumerate(bench.buses) if name in (bus.name, bus.channel)]
+        if not named and name.isdecimal() and int(name) < n_buses:
+            named = [int(name)]
+        if not named:
+            known = ", ".join(bus.label for bus in bench.buses)
+            raise InputError(f"--bus {name}", "is not a bus of the bench", f"name one of {known}")
+        numbers.update(named)
+    return frozenset(numbers)
+
+
+def on_buses(bench: Bench, buses: frozenset[int]) -> Bench:
+    """Return the bench without the channels of sensors on other buses; empty `buses`: as it is."""
+    from dataclasses import replace
+
+    from daq.channels import message_of, sensor_of
+
+    elsewhere = {s.name for s in bench.sensors if buses and s.bus_position not in buses}
+    channels = tuple(c for c in bench.channels if sensor_of(message_of(c.signal)) not in elsewhere)
+    return replace(bench, channels=channels) if elsewhere else bench

@@ -20,8 +20,8 @@ from daq.formats.log import read_log
 from dbc import FrameBatch, read_dbc
 
 from . import output
-from .bench import reachable
-from .diagnostics import say
+from .options import reachable
+from .output import say
 
 
 def read_frames(bench: Bench, log: Path | None, skip_s: float, seconds: float) -> FrameBatch:

@@ -33,7 +33,12 @@ def print_identification(result: Identification, truth: Mapping[str, float]) -> 
     """Write parameters, modes and verdict, with the truth where it is known."""
     if result.parameters:
         if truth:
-            _print_estimates("Parameters", result.parameters, "truth", _truths(result, truth))
+            truths = {}  # in words, with the error of the estimate
+            for name, estimate in result.parameters.items():
+                value = truth.get(name, 0.0)  # the car has none of what is not named
+                error = f", {(estimate.value / value - 1) * 100:+.2f} %" if value else ""
+                truths[name] = f"{number(value)}{error if estimate.determined else ''}"
+            _print_estimates("Parameters", result.parameters, "truth", truths)
         else:
             drivers = {name: largest_share(shares) for name, shares in result.drivers.items()}
             for name in result.undetermined:
@@ -53,16 +58,6 @@ def print_identification(result: Identification, truth: Mapping[str, float]) -> 
         print_item(f"{SEVERITY[Verdict.of(finding.severity)]}: {finding.text}")
     for line in survival_lines(quality):
         print_item(line)
-
-
-def _truths(result: Identification, truth: Mapping[str, float]) -> dict[str, str]:
-    """Return the true value of each parameter, zero where the car has none, and the error."""
-    texts = {}
-    for name, estimate in result.parameters.items():
-        true = truth.get(name, 0.0)
-        error = f", {(estimate.value / true - 1) * 100:+.2f} %" if true else ""
-        texts[name] = f"{number(true)}{error if estimate.determined else ''}"
-    return texts
 
 
 def _print_estimates(

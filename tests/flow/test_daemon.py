@@ -26,7 +26,7 @@ from daq.control.address import control_address
 from daq.control.exchange import Client
 from daq.control.messages import PROTOCOL, Arm, AskStatus, Order, Phase, Status
 from tui.cli import run
-from tui.diagnostics import ExitCode
+from tui.output import ExitCode
 
 from ..daq.adapters import own_group
 from ..daq.crash_frames import read_journal

@@ -27,8 +27,8 @@ import daq
 from dbc.words import InputError
 from tui import output
 from tui.cli import run
-from tui.jobs.batch_page import page_of
 from tui.jobs.executors import as_finished, map_items, processes
+from tui.jobs.reporting import batch_page
 from tui.jobs.worker import START, Outcome, answer_of, identify_session
 from tui.output import Stage
 
@@ -147,7 +147,7 @@ def test_the_page_has_rows_parameters_and_reports(tmp_path: Path) -> None:
     rows[3] = {**rows[3], "file": str(tmp_path / "my car.h5"), "m_s": "1700.0"}  # as a CSV has it
     rows[4] = {**rows[4], "verdict": "refused", "m_s": 9000.0, "origin": "simulated"}
     rows[5] = {**rows[5], "vehicle": "</script><script>alert(1)"}
-    page = page_of(list(rows[0]), rows, tmp_path / "out")
+    page = batch_page(list(rows[0]), rows, tmp_path / "out")
     data = json.loads(
         page.split('<script type="application/json" id="data">')[1].split("</script>")[0]
     )

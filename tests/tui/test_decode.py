@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 from dbc import parse_codec, shipped_dbc
-from tui.__main__ import main
-from tui.cli import run
+from tui.cli import main, run
 
 from .conftest import answered
 

@@ -23,7 +23,7 @@ from dbc.words import Severity
 from identify import Estimate, Identification
 from identify.change import Change
 from identify.compare import Compared, Comparison, Difference, Trend
-from tui import diagnostics
+from tui import output
 from tui.cli import run
 from tui.jobs import executors, reporting
 from tui.jobs.executors import map_items
@@ -80,12 +80,12 @@ def test_a_page_that_is_there_is_replaced_after_a_question(
     for stream in (sys.stdin, sys.stderr):
         monkeypatch.setattr(stream, "isatty", lambda: True, raising=False)
     if replaced:
-        diagnostics.require_place(page, force=False)
+        output.require_place(page, force=False)
     else:
         with pytest.raises(InputError, match="stays as it was"):
-            diagnostics.require_place(page, force=False)
+            output.require_place(page, force=False)
     assert "r.html exists already: replace it?" in capsys.readouterr().err
-    diagnostics.require_place(page, force=True)
+    output.require_place(page, force=True)
     assert capsys.readouterr().err == ""
 
 

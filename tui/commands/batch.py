@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 from typer import Argument, Option
 
 from .. import output
-from ..diagnostics import PAGE_ENDINGS, ExitCode, require_ending, say
 from ..options import Force, JsonResult
+from ..output import PAGE_ENDINGS, ExitCode, require_ending, say
 
 if TYPE_CHECKING:
     from identify.batch import Cell
@@ -243,7 +243,7 @@ def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
     from daq.files import write_bytes
     from dbc import InputError, csv_text
 
-    from ..jobs.batch_page import page_of
+    from ..jobs.reporting import batch_page
 
     columns = list(dict.fromkeys(name for row in rows.values() for name in row))
     table = StringIO()
@@ -253,7 +253,7 @@ def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
         writer.writerow({n: csv_text(v) if isinstance(v, str) else v for n, v in row.items()})
     texts = {out: table.getvalue()}
     if page is not None:
-        texts[page] = page_of(columns, list(rows.values()), page.parent)
+        texts[page] = batch_page(columns, list(rows.values()), page.parent)
     for path, text in texts.items():
         try:  # the name of a session file need not be UTF-8
             write_bytes(path, text.encode("utf-8", "backslashreplace"))

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from .. import output
-from ..diagnostics import ExitCode, say_left_out
-from ..options import BenchFile, Force, Interface, InterfaceChannel, JsonResult
+from ..options import BenchFile, Force, Interface, InterfaceChannel, JsonResult, shared_bench
+from ..output import ExitCode, say_left_out
 
 if TYPE_CHECKING:
     from daq.check.check import CheckReport
@@ -60,7 +60,6 @@ def check(
     from daq.files import refuse_existing
     from dbc import Severity
 
-    from ..bench import shared_bench
     from ..proposal import databases_for, named_buses, propose_bench, read_frames, read_traffic
 
     if layouts:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from .. import output
-from ..diagnostics import ExitCode, say, say_left_out
-from ..options import LOG_FORMATS, Buses, JsonResult
+from ..options import LOG_FORMATS, Buses, JsonResult, bus_numbers
+from ..output import ExitCode, say, say_left_out
 
 if TYPE_CHECKING:
     import numpy as np
@@ -46,8 +46,6 @@ def decode(
     from daq.bench.config import bench_codec, load_bench
     from daq.formats.log import read_log
     from dbc import counted, load_codec, parse_codec, shipped_dbc
-
-    from ..bench import bus_numbers
 
     if bench and dbc:
         raise InputError("--dbc", "and a bench.toml exclude each other", "name one of them")

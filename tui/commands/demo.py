@@ -12,8 +12,8 @@ from typing import Annotated
 from typer import Option
 
 from .. import output
-from ..diagnostics import ExitCode
 from ..options import Force, JsonResult, Seed
+from ..output import ExitCode
 
 
 def demo(

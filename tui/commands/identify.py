@@ -9,8 +9,8 @@ import typer
 from typer import Argument, Option
 
 from .. import output
-from ..diagnostics import PAGE_ENDINGS, ExitCode, require_ending, require_place, say
 from ..options import Force, JsonResult, Page, SessionFile
+from ..output import PAGE_ENDINGS, ExitCode, require_ending, require_place, say
 
 
 def identify(session: SessionFile, json: JsonResult = False) -> int:

@@ -8,8 +8,8 @@ from typing import Annotated
 from typer import Argument, Option
 
 from .. import output
-from ..diagnostics import ExitCode, say, say_left_out
-from ..options import LOG_FORMATS, Buses, Force, JsonResult
+from ..options import LOG_FORMATS, Buses, Force, JsonResult, bus_numbers, on_buses
+from ..output import ExitCode, say, say_left_out
 
 
 def import_(
@@ -46,7 +46,6 @@ def import_(
     from daq.formats.log import read_log, read_logs
     from daq.session.from_frames import numbered, parse_runs, require_mass_states
 
-    from ..bench import bus_numbers, on_buses
     from ..importing import import_channels, import_logs
 
     benches = [path for path in logs or [] if path.suffix.lower() == ".toml"]

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from .. import output
-from ..diagnostics import ExitCode
 from ..options import JsonResult
+from ..output import ExitCode
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from .. import output
-from ..diagnostics import ExitCode, say
 from ..options import (
     BenchFile,
     DisplayAt,
@@ -28,6 +27,7 @@ from ..options import (
     Operator,
     RecorderFolder,
 )
+from ..output import ExitCode, say
 
 if TYPE_CHECKING:
     from ..display.link import Served

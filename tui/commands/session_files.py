@@ -11,8 +11,8 @@ import typer
 from typer import Argument, Option
 
 from .. import output
-from ..diagnostics import ExitCode, report, say
 from ..options import Force, JsonResult, SessionFile
+from ..output import ExitCode, report, say
 
 if TYPE_CHECKING:
     from daq import Session

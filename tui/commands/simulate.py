@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from .. import output
-from ..diagnostics import ExitCode, say
 from ..options import (
     LOG_FORMATS,
     BenchFile,
@@ -23,7 +22,10 @@ from ..options import (
     InterfaceChannel,
     JsonResult,
     Seed,
+    bus_numbers,
+    shared_bench,
 )
+from ..output import ExitCode, say
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -61,8 +63,6 @@ def simulate(
     from daq.sim.ecu import campaign_frames
     from dbc import counted
     from identify.numbers import number
-
-    from ..bench import shared_bench
 
     if push is not None and (fast or json or recorder):
         raise InputError("--push", "goes on until Ctrl-C, in real time", "leave out the rest")
@@ -117,8 +117,6 @@ def replay(
     from daq.formats.log import read_log
     from daq.replay import play
     from dbc import counted
-
-    from ..bench import bus_numbers, shared_bench
 
     described = shared_bench(bench, interface, channel)
     numbers = bus_numbers(described, bus or [])

@@ -13,8 +13,8 @@ import typer
 from typer import Option
 
 from .. import output
-from ..diagnostics import require_ending
 from ..options import JsonResult
+from ..output import require_ending
 
 if TYPE_CHECKING:
     from identify.study.result import Study

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Option
 
-from ..diagnostics import ExitCode
 from ..options import (
     BenchFile,
     DisplayAt,
@@ -19,7 +18,9 @@ from ..options import (
     Interface,
     InterfaceChannel,
     Operator,
+    shared_bench,
 )
+from ..output import ExitCode
 
 if TYPE_CHECKING:
     from daq.control.messages import Setup
@@ -57,7 +58,6 @@ def tui(
     """
     from daq import InputError
 
-    from ..bench import shared_bench
     from ..display.link import display_beside
     from ..recorders.process import Process, start_recorder
     from ..terminal.app import BenchApp
@@ -130,8 +130,6 @@ def wanted_setup(
     if replay or not (bench or interface or channel):
         return Setup(origin)
     from daq.bench.config import load_bench  # it also loads the reader of databases
-
-    from ..bench import shared_bench
 
     described = load_bench(bench) if demo else shared_bench(bench, interface, channel)
     return replace(setup_of(described), origin=origin) if bench else Setup(origin)

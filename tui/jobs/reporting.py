@@ -1,4 +1,4 @@
-"""Reports and comparisons of session files, made with several processes."""
+"""Makes reports, comparisons and the page of a batch from session files."""
 
 from __future__ import annotations
 
@@ -7,15 +7,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
+from importlib.resources import files
+from math import isfinite, nan
+from os.path import relpath
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import quote
 
 from daq import read_session
-from daq.files import file_sha256, make_room, write_named
+from daq.files import file_sha256, json_in_html, make_room, write_named
+from daq.vehicle import parameter_unit
+from dbc.words import printable
 from identify import Identification, identify_parameters
+from identify.batch import Cell, Row
 
-from ..diagnostics import PAGE_ENDINGS, require_ending
-from ..output import Stage
+from ..output import PAGE_ENDINGS, Stage, require_ending
 from .executors import map_items, processes
 
 if TYPE_CHECKING:
@@ -117,3 +123,44 @@ def labels_of(paths: Sequence[Path]) -> list[str]:
     if len(set(names)) < len(names):
         names = [f"{path.parent.name}/{path.stem}" for path in paths]
     return names if len(set(names)) == len(names) else [str(path) for path in paths]
+
+
+def batch_page(columns: Sequence[str], rows: Sequence[Row], folder: Path) -> str:
+    """Return the page of a batch: a table with filters, trends by vehicle, links to reports.
+
+    It is one HTML file with its data, style and script; nothing is fetched.  `folder`: where it
+    will be; the links lead from there to reports that are next to their sessions.
+    """
+    estimated = [name for name in columns if f"{name}_std" in columns]
+    names = [name for name in estimated if not name.endswith(("_hz", "_damping"))]  # of modes
+    # The names of element forces, which begin with a word, include their unit.
+    units = [parameter_unit(n) if len(n.partition("_")[0]) == 1 else "" for n in names]
+    page_rows = []
+    for row in rows:
+        values = [_rounded(row.get(name)) for name in names]
+        stds = [_rounded(row.get(f"{name}_std")) for name in names]
+        report = Path(str(row["file"])).with_suffix(".html")
+        link = quote(Path(relpath(report, folder)).as_posix()) if report.is_file() else ""
+        texts = [str(row.get(name) or "") for name in ("vehicle", "created", "origin", "verdict")]
+        reasons = printable(str(row.get("reasons") or ""), 300)
+        judged = [*texts, _rounded(row.get("chi2_per_n")), reasons]
+        page_rows.append([str(row["file"]), link, *judged, values, stds])
+    document = {"parameters": list(zip(names, units, strict=True)), "rows": page_rows}
+    here = files(__package__)
+    page = (here / "batch_page.html").read_text("utf-8")
+    for placeholder, content in (
+        ("STYLE", files("identify.report").joinpath("report.css").read_text("utf-8")),
+        ("SCRIPT", (here / "batch_page.js").read_text("utf-8")),
+        ("DATA", json_in_html(document, separators=(",", ":"))),
+    ):
+        page = page.replace(f"<!--{placeholder}-->", content, 1)
+    return page
+
+
+def _rounded(cell: Cell) -> float | None:
+    """Return a number, also one that a CSV holds as text; None where there is none."""
+    try:
+        number = float(cell if cell is not None else nan)
+    except ValueError:
+        return None
+    return float(f"{number:.7g}") if isfinite(number) else None

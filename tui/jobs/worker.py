@@ -44,11 +44,6 @@ class Outcome:
     runs: tuple[tuple[str, str], ...]
     """Label and status of each run: `accepted` if the result is based on it, else `rejected`."""
 
-    @property
-    def used(self) -> int:
-        """Number of runs that the result is based on."""
-        return sum(status == "accepted" for _, status in self.runs)
-
 
 def identify_session(path: str, stage: Stage) -> Outcome:
     """Identify a session file."""

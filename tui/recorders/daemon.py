@@ -16,8 +16,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..diagnostics import say_left_out
-from ..output import Stage
+from ..output import Stage, say_left_out
 from .lines import news, progress_words
 from .log import Log
 from .traffic import Traffic

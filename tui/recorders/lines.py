@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 from dbc import counted
 
-from ..diagnostics import ExitCode, say
-from ..output import print_session
+from ..output import ExitCode, print_session, say
 
 if TYPE_CHECKING:
     from daq import Session

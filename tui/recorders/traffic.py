@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..bench import shared_bench
+from ..options import shared_bench
 
 if TYPE_CHECKING:
     from daq.bench.config import Bench, BusConfig

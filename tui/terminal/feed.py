@@ -201,7 +201,7 @@ class RecorderFeed:
         return failure(self._recorder, self._folder) if self._recorder is not None else ""
 
     def _is_starting(self) -> bool:
-        """Return True while the process of a recorder may take longer to answer."""
+        """Return True while the process of a recorder, started just now, may not answer yet."""
         started_here = self._recorder is not None and self._recorder.poll() is None
         process_exists = started_here or is_locked(self._folder)
         return process_exists and time.monotonic() - self._awaited_since_s <= STARTUP_S

@@ -25,8 +25,8 @@ from daq.control.messages import Arm, AskStatus, Lane, Live, Order, Phase, Reply
 from tui.terminal import feed
 from tui.terminal.chart import LaneChart, full_scale
 from tui.terminal.feed import (
-    BIRTH_S,
-    RING_S,
+    KEPT_S,
+    STARTUP_S,
     Lanes,
     LaneSpec,
     Lost,
@@ -77,7 +77,7 @@ def test_a_recorder_is_lost_where_its_process_is_gone_or_takes_too_long(
             assert tried.acquire(timeout=10)
         with pytest.raises(Empty):
             reported.get_nowait()
-        clock[0] = BIRTH_S + 0.1
+        clock[0] = STARTUP_S + 0.1
         assert reported.get(timeout=10) == Lost("no recorder is running there", "start one")
     finally:
         listener.stop()
@@ -292,7 +292,7 @@ def test_history_is_rolled_and_gaps_stay_gaps() -> None:
 
 def test_history_forgets_what_is_older_than_the_ring_and_begins_anew_after_a_leap() -> None:
     lanes = Lanes()
-    size = round(RING_S / BIN_S)
+    size = round(KEPT_S / BIN_S)
     lanes.add(_live(0, [float(k) for k in range(size + 10)]))
     assert np.isnan(lanes.window("a", 5, 1)[0]).all()
     assert lanes.window("a", size + 9, 1)[0].tolist() == [size + 9.0]

@@ -229,7 +229,7 @@ def by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the check ask again only where a test says so, not each second."""
 
     def ask_once(screen: CheckScreen) -> None:
-        screen.run_worker(screen._ask(3.0))
+        screen.run_worker(screen._request_check(3.0))
 
     monkeypatch.setattr(CheckScreen, "on_mount", ask_once)
 

@@ -52,7 +52,8 @@ def verdict_lines(outcome: Outcome, glyphs: Glyphs, width: int, most_lines: int)
     verdict = quality.verdict
     fit = f"   chi2/n {quality.chi2_per_n:.3f}" if isfinite(quality.chi2_per_n) else ""
     head = f"{symbol(verdict, glyphs)} {verdict.upper()}  {HEADLINE[verdict]}"
-    basis = f"{outcome.used} of {counted(len(outcome.runs), 'run')} used{fit}"
+    n_used = sum(status == "accepted" for _, status in outcome.runs)
+    basis = f"{n_used} of {counted(len(outcome.runs), 'run')} used{fit}"
     one_line = f"{head}   {basis}"
     lines = [one_line] if len(one_line) <= width else [head, f"  {basis}"]
     reasons = [f for f in quality.findings if Verdict.of(f.severity) is not Verdict.OK]
