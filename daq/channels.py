@@ -70,7 +70,6 @@ class Channel:
     name: str
     """Name, unique in a session."""
     quantity: Quantity
-    """The measured quantity."""
     unit: str = ""
     """SI unit of the stored value; empty: that of the quantity."""
     signal: str = ""
@@ -100,15 +99,12 @@ class Channel:
     delay_s: Annotated[float, Interval(ge=-1, le=1)] = 0.0
     """Known delay of the sensor, s (data sheet)."""
     delay_sigma_s: Annotated[float, Interval(ge=0, le=1)] = 0.0
-    """Standard uncertainty of the delay, s."""
     low_pass_hz: Annotated[float, Ge(0)] = 0.0
     """Cut-off frequency (-3 dB) of the sensor's Butterworth low-pass (data sheet), Hz; 0: none."""
     low_pass_order: Annotated[int, Interval(ge=1, le=8)] = 2
-    """Order of that low-pass."""
     signal_unit: Annotated[str, MaxLen(16)] = ""
     """Unit of the signal if the DBC states none or a wrong one; empty: as in the DBC."""
     serial_number: Annotated[str, MaxLen(60)] = ""
-    """Serial number of the sensor."""
     calibrated: str = ""
     """Day of its last calibration, ISO 8601; empty if it is not known."""
 

@@ -132,9 +132,7 @@ class Run:
     """One bump and its free decay."""
 
     mass_state: str
-    """Name of the mass state."""
     excitation: Excitation
-    """Kind of bump."""
     repeat: int
     """Number of the repeat, from 1 within mass state and excitation."""
     t0_ns: int
@@ -142,15 +140,11 @@ class Run:
     bump_s: float
     """Duration of the bump as stated in the campaign, s; NaN if it is not known."""
     groups: tuple[SampleGroup, ...]
-    """The measured samples."""
     status: RunStatus
-    """The verdict."""
     reasons: tuple[str, ...] = ()
-    """Reasons of the verdict."""
     losses: Losses = Losses()
     """Frames that were lost or unusable in this run."""
     events: tuple[Event, ...] = ()
-    """Events during the run."""
     frames: FrameBatch = field(default_factory=FrameBatch.empty)
     """The raw frames; empty for data that did not come from a bus."""
 

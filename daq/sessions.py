@@ -28,7 +28,6 @@ class Session:
     channels: tuple[Channel, ...]
     """All channels of the runs."""
     mass_states: tuple[MassState, ...]
-    """States of loading of the vehicle."""
     runs: tuple[Run, ...]
     """The runs, in order of recording."""
     provenance: Mapping[str, str]

@@ -183,7 +183,6 @@ class AddedMass:
     """Mass that a mass state adds to the vehicle; the baseline adds none."""
 
     weights: tuple[Weight, ...] = ()
-    """Known weights at known positions."""
     matrix: NDArray[np.float64] = field(default_factory=lambda: np.zeros((7, 7)))
     """A mass matrix given directly, about the baseline CG, in the order `DOF`, shape (7, 7)."""
 
@@ -316,7 +315,6 @@ class Vehicle:
     """The vehicle under test, as far as it is known beforehand."""
 
     name: str
-    """Name, for people."""
     geometry: VehicleGeometry | None = None
     """The four lengths if they are measured; None: they are identified."""
     structure: Structure = Structure()

@@ -27,7 +27,6 @@ class CounterRule:
     """A counter that grows by one with each frame of a message."""
 
     signal: str
-    """Name of the signal in its message."""
     modulus: int
     """Number of values: the counter runs from 0 to modulus - 1 and starts again."""
 
@@ -243,7 +242,6 @@ class Decoded:
     samples: Mapping[str, Samples]
     """Samples by signal, of the messages in the batch.  Signals of all frames share `t_ns`."""
     counts: DecodeCounts
-    """Numbers of frames that were not decoded."""
 
     def __getitem__(self, signal: str) -> Samples:
         return self.samples[signal]

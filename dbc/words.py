@@ -53,7 +53,6 @@ class Finding:
     code: str
     """Name of the judged property, with underscores (`overload`, `chi2`, `left_out`)."""
     severity: Severity
-    """Severity of the finding."""
     text: str
     """The finding in plain words with the numbers."""
     subject: str = ""

@@ -67,7 +67,6 @@ class Watch:
 
     def __init__(self, codec: Codec, mapped: Sequence[MappedChannel]) -> None:
         self.buses: tuple[BusStatus, ...] = ()
-        """State of each bus."""
         self.sensors_alive = self.sensors_expected = 0
         """Number of messages with channels of the bench: those received, and all."""
         self.overloaded: tuple[str, ...] = ()

@@ -338,7 +338,6 @@ class Exported:
     """The files of an export."""
 
     paths: tuple[Path, ...]
-    """The files."""
     notes: tuple[str, ...]
     """Contents of the session that the format cannot hold, one line each."""
 

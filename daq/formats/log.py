@@ -35,7 +35,6 @@ class LogFormat:
     """A format of logs."""
 
     name: str
-    """Name, for people."""
     lacks: str
     """Parts of a frame that it cannot hold; empty if it holds everything."""
 

@@ -397,7 +397,8 @@ class Recorder:
         head = self._new_head(bench, now, campaign=True)
         head = replace(head, recording=tail.head.recording) if tail else head
         self._writer = JournalWriter(self._journal, head, bench.recorder, self._create, tail)
-        self._recording = self._new_recording(bench, run_log)
+        codec = bench_codec(bench)
+        self._recording = Recording(bench, codec, self._writer, run_log, self._barrier)
         if tail is not None:
             self._recording.note(Code.RESUMED, float(tail.frames), self._software, now)
             if run_log.runs:  # its session file may lack the last of these runs
@@ -415,10 +416,6 @@ class Recorder:
             origin=bench.origin,
         )
 
-    def _new_recording(self, bench: Bench, run_log: RunLog) -> Recording:
-        """Return the recording that the writer has begun."""
-        return Recording(bench, bench_codec(bench), self._writer, run_log, self._barrier)
-
     def _begin_next(self, bench: Bench, why: str, now: Now, *, campaign: bool) -> None:
         """End the recording, start building its session file, and begin the next recording.
 
@@ -428,7 +425,8 @@ class Recorder:
         memory; this recording then continues.
         """
         self._store_and_look()
-        bench_mapping(bench, bench_codec(bench))  # raises before anything is changed
+        codec = bench_codec(bench)
+        bench_mapping(bench, codec)  # raises before anything is changed
         writer, ended_head = self._writer, self._writer.head
         if writer.flush():
             self._recording.cut(why)
@@ -441,7 +439,7 @@ class Recorder:
         if ended_head.campaign:
             self._order_session(ended_head, segments, self._recording.run_log.revision)
         writer.limits = bench.recorder
-        self._recording = self._new_recording(bench, RunLog())
+        self._recording = Recording(bench, codec, writer, RunLog(), self._barrier)
         STEADY_CLOCK.begin()  # only here, because within a recording a set clock must not move time
         self._bench, self._begun = bench, ""
         self._earlier_hops = self._readers.hops()

@@ -66,7 +66,6 @@ class SensorTruth:
     low_pass_hz: float = 0.0
     """Cut-off frequency (-3 dB) of its Butterworth low-pass, Hz; 0 means none."""
     low_pass_order: int = 2
-    """Order of that low-pass."""
     gain: float = 1.0
     """Ratio of the reading to the measured value, 1 for a healthy sensor."""
     limit: float = math.inf
@@ -88,7 +87,6 @@ class Truth:
     """All drawn values of one campaign, which are hidden from the identification."""
 
     mass_states: Mapping[str, AddedMass]
-    """The true weights."""
     sensors: Mapping[str, SensorTruth]
     """True position, delay and errors, by channel."""
     clocks: Mapping[str, ClockTruth]

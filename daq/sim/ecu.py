@@ -46,7 +46,6 @@ class Act:
     length_s: float
     """Time after which the car is at rest, s."""
     bump_s: float
-    """Time of the bump, s."""
     low_passed: Mapping[str, tuple[Array, Array]]
     """Outputs of the sensors with a low-pass, on the motion's time (`car.low_passed`)."""
 
@@ -60,7 +59,6 @@ class Rig:
     car: SimulatedCar
     drawn: Truth
     senders: tuple[Sender, ...]
-    """The messages with their channels and clocks."""
     plants: Mapping[str, Plant]
     """The car in each state of loading."""
 

@@ -258,7 +258,6 @@ class Motion:
     """
 
     plant: Plant
-    """The car that moves."""
     bump: Bump
     before: Array
     """State before the bump, (14, 1)."""
@@ -333,9 +332,7 @@ class Push:
     sink: Array
     """(7, 1) The change of the pose at the lowest point."""
     length_s: float
-    """Duration, s."""
     begin_s: float = 0.0
-    """Time at which it begins, s."""
     cycles: float = 1.0
     """Number of cycles of the cosine: 1 presses and lets go; a half presses and holds."""
 

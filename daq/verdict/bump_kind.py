@@ -54,7 +54,6 @@ class Pattern(NamedTuple):
     """Likeness to each kind of bump, 0..1; equal for kinds that these sensors cannot separate, or
     the campaign does not distinguish."""
     words: str
-    """The motion in words."""
     by: str
     """The sensors, in words."""
     limit: float
