@@ -28,6 +28,7 @@ class Table(BaseModel):
 
 
 def _refused_key(_: object) -> Never:
+    """Raise the error of an unknown key."""
     raise PydanticCustomError("extra_forbidden", "it cannot be stated")
 
 

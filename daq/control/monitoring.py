@@ -53,13 +53,10 @@ class Systemd:
     """
 
     def __init__(self) -> None:
-        self._ready = False
-        self._reported = ""
-        self._notifier: SystemdNotifier | None = None
-        if os.environ.get("NOTIFY_SOCKET"):
-            self._notifier = SystemdNotifier()
-            if self._notifier.socket is not None:
-                self._notifier.socket.setblocking(False)  # a full socket must not block
+        self._is_ready = False
+        self._notifier = SystemdNotifier() if os.environ.get("NOTIFY_SOCKET") else None
+        if self._notifier and self._notifier.socket is not None:
+            self._notifier.socket.setblocking(False)  # a full socket must not block
 
     def notify(self, heartbeats: Heartbeats, status: Status, now_s: float) -> str:
         """Send the state; to be called about once per second.
@@ -69,13 +66,10 @@ class Systemd:
         stalled = standstill(heartbeats, now_s)
         lines = [] if stalled else ["WATCHDOG=1"]
         all_buses_tried = all(cycle_s > 0 for _, cycle_s in heartbeats.readers)
-        if not self._ready and all_buses_tried and heartbeats.durable_s:
-            self._ready = True
+        if not self._is_ready and all_buses_tried and heartbeats.durable_s:
+            self._is_ready = True
             lines.append("READY=1")
-        text = stalled or status_line(status)
-        if text != self._reported:
-            self._reported = text
-            lines.append(f"STATUS={text}")
+        lines.append(f"STATUS={stalled or status_line(status)}")
         self._send("\n".join(lines))
         return stalled
 

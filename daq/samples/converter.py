@@ -199,17 +199,15 @@ def _counter_health(
     assert message.counter is not None  # ensured by the caller
     samples = decoded[f"{message.name}.{message.counter.signal}"]
     health = earlier or CounterHealth()
-    is_readable = samples.usable  # mask of the frames whose counter can be read, (n,)
-    received = int(np.count_nonzero(is_readable))
-    unreadable = health.unreadable + len(is_readable) - received
-    if not received:
+    rows = np.flatnonzero(samples.usable)  # of the frames whose counter can be read
+    if not len(rows):
+        unreadable = health.unreadable + len(samples.usable)
         return replace(health, unreadable=0 if health.last_value is None else unreadable)
-    value, t_ns = samples.value[is_readable].astype(np.int64), samples.t_ns[is_readable]
-    unreadable_at_end = int(np.argmax(is_readable[::-1]))  # after the last readable frame
-    unreadable_between = unreadable - unreadable_at_end
-    if health.last_value is None:
-        unreadable_between -= int(np.argmax(is_readable))  # before the first readable one of all
-    else:
+    first, last = int(rows[0]), int(rows[-1])
+    unreadable_between = last - first + 1 - len(rows)  # two frames that can be read
+    value, t_ns = samples.value[rows].astype(np.int64), samples.t_ns[rows]
+    if health.last_value is not None:
+        unreadable_between += health.unreadable + first
         value = np.concatenate([[health.last_value], value])
         t_ns = np.concatenate([[health.t_ns], t_ns])
     steps = counter_steps(
@@ -219,8 +217,8 @@ def _counter_health(
         last_value=int(value[-1]),
         t_ns=int(t_ns[-1]),
         last_delay_s=steps.last_delay_s,
-        unreadable=unreadable_at_end,
-        received=health.received + received,
+        unreadable=len(samples.usable) - 1 - last,
+        received=health.received + len(rows),
         missing=health.missing + max(steps.missing - unreadable_between, 0),
         restarts=health.restarts + int(np.count_nonzero(steps.restarted)),
     )
