@@ -8,6 +8,7 @@ from math import hypot
 from typing import Annotated
 
 from annotated_types import Ge, Gt, Interval, Le, MaxLen
+from pydantic import BeforeValidator
 
 from .vehicle import BY_TAPE_M, DOF, Corner
 
@@ -105,7 +106,7 @@ class Channel:
     signal_unit: Annotated[str, MaxLen(16)] = ""
     """Unit of the signal if the DBC states none or a wrong one; empty: as in the DBC."""
     serial_number: Annotated[str, MaxLen(60)] = ""
-    calibrated: str = ""
+    calibrated: Annotated[str, BeforeValidator(str)] = ""  # TOML reads a day as a date
     """Day of its last calibration, ISO 8601; empty if it is not known."""
 
     def __post_init__(self) -> None:

@@ -11,12 +11,12 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, model_validator
+from pydantic import AfterValidator, Field, TypeAdapter, model_validator
 
 from ..channels import Channel
 from ..runs import Excitation
 from .campaign import Step
-from .config import DescribedCar, check_car, checked_channel, day_as_text
+from .config import DescribedCar, check_car, checked_channel
 from .toml_file import Table, toml_tables, toml_text, validated
 
 _Rate = Annotated[float, Field(gt=0, le=1e7)]
@@ -84,9 +84,7 @@ class ChannelMap(DescribedCar):
     given_runs: Annotated[tuple[GivenRun, ...], Field(alias="run")] = ()
     """The runs; empty: the trigger finds them."""
     channels: Annotated[
-        tuple[
-            Annotated[Column, BeforeValidator(day_as_text), AfterValidator(checked_channel)], ...
-        ],
+        tuple[Annotated[Column, AfterValidator(checked_channel)], ...],
         Field(alias="channel", min_length=1, max_length=1000),
     ]
 

@@ -167,13 +167,6 @@ class CalibrationTable(Table):
     max_age_days: Annotated[int, Field(gt=0)] = 365
 
 
-def day_as_text(channel: object) -> object:
-    """Return the keys of a channel with a day of TOML as text."""
-    if isinstance(channel, dict) and type(day := channel.get("calibrated")) is date:
-        return channel | {"calibrated": day.isoformat()}
-    return channel
-
-
 def checked_channel(channel: Channel) -> Channel:
     """Return the channel; raises ValueError if it has what a person cannot mean."""
     if not re.fullmatch("[A-Za-z][A-Za-z0-9_]{0,59}", channel.name):
@@ -195,8 +188,6 @@ def checked_channel(channel: Channel) -> Channel:
     return channel
 
 
-StatedChannel = Annotated[Channel, BeforeValidator(day_as_text), AfterValidator(checked_channel)]
-"""One `[[channel]]`."""
 Buses = Annotated[
     tuple[BusConfig, ...],
     Field(min_length=1, max_length=16),
@@ -222,7 +213,9 @@ class DescribedCar:
     campaign: Campaign = field(default_factory=Campaign)
     trigger: TriggerConfig = field(default_factory=TriggerConfig)
     calibration: CalibrationTable = field(default_factory=CalibrationTable)
-    channels: Annotated[tuple[StatedChannel, ...], Field(alias="channel")] = ()
+    channels: Annotated[
+        tuple[Annotated[Channel, AfterValidator(checked_channel)], ...], Field(alias="channel")
+    ] = ()
     """Channels; on a loaded bench with full names of signals (`daq.channels`)."""
 
     @property

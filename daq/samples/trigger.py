@@ -56,8 +56,8 @@ class ChannelRest:
     last_ns: int = 0
     """Time stamp of the last sample, ns."""
 
-    def rested(self, now_ns: int, since_ns: int, rest_ns: int) -> bool:
-        """Return True if the channel has rested for `rest_ns`, counted from `since_ns` or later."""
+    def rested(self, now_ns: int, rest_ns: int, since_ns: int = 0) -> bool:
+        """Return whether the channel has rested for `rest_ns`, of the time since `since_ns`."""
         known = not np.isnan(self.rest_level)
         return known and now_ns - max(self.quiet_since_ns, since_ns) >= rest_ns
 
@@ -123,9 +123,7 @@ def not_at_rest(config: TriggerConfig, state: TriggerState) -> tuple[str, ...]:
         return ()
     now_ns, rest_ns = state.now_ns, round(config.rest_s * 1e9)
     return tuple(
-        name
-        for name, channel in state.channels.items()
-        if not channel.rested(now_ns, channel.quiet_since_ns, rest_ns)
+        name for name, channel in state.channels.items() if not channel.rested(now_ns, rest_ns)
     )
 
 
@@ -145,7 +143,7 @@ def _advance_slot(
             rest_level = channel.total / channel.count if channel.count else channel.rest_level
             channels[name] = replace(channel, slot=slot, rest_level=rest_level, total=0.0, count=0)
     now_ns = slot * slot_ns
-    has_rested = all(c.rested(now_ns, state.since_ns, slot_ns) for c in channels.values())
+    has_rested = all(c.rested(now_ns, slot_ns, state.since_ns) for c in channels.values())
     if state.phase is TriggerPhase.WAITING and channels and has_rested:
         state = replace(state, phase=TriggerPhase.ARMED, since_ns=now_ns)
     onsets = []

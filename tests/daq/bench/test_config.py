@@ -143,7 +143,7 @@ MISTAKES = {
     "calibrated": (_channel("unused", 'calibrated = "May"'), "calibrated is not a day"),
     "calibrated when": (
         _channel("unused", "calibrated = 2026-01-01T10:00:00"),
-        "channel.a.calibrated: must be a valid string",
+        "channel.a: calibrated is not a day",
     ),
     "unit of another kind": (
         _channel("body_acceleration", 'signal_unit = "mm"'), "has unit 'mm' in its [[channel]]",
