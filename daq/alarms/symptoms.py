@@ -76,10 +76,10 @@ class BusWatch:
 
         `bits`: length of each frame on the wire.
         """
-        t_ns, n = batch.t_ns, len(batch)
+        t_ns = batch.t_ns
         error_rows = np.flatnonzero(batch.flags & np.uint16(FrameFlag.ERROR))
         n_errors = len(error_rows)
-        n_good = n - n_errors
+        n_good = len(batch) - n_errors
         errors = error_frames_of(batch.select(error_rows)) if n_errors else []
         if errors:
             self.error_text, self.error_s = errors[-1].text, now_s
@@ -91,9 +91,9 @@ class BusWatch:
         counts["error_frames", link.name] = n_errors, self.error_text
         counts["bus_off", link.name] = bus_off, self.error_text
         self.link = link
-        if n and not self.last_ns:  # a bus has no time stamp before its first frame
+        if len(t_ns) and not self.last_ns:  # a bus has no time stamp before its first frame
             self.recent = [replace(cycle, last_ns=int(t_ns[0])) for cycle in self.recent]
-        self.last_ns = int(t_ns[-1]) if n else self.last_ns
+        self.last_ns = int(t_ns[-1]) if len(t_ns) else self.last_ns
         good_bits = float(bits.sum()) - float(bits[error_rows].sum())
         n_old = sum(cycle.now_s <= now_s - WINDOW_S for cycle in self.recent)
         self.recent = self.recent[max(n_old - 1, 0) :]  # the last of the old ones begins the window

@@ -62,7 +62,7 @@ def parse_slcan(stream: bytes) -> tuple[FrameBatch, int, int]:
     wraps every minute and is not used.  Lines of one kind and length are decoded together.
     """
     octets = np.frombuffer(stream, np.uint8)
-    ends = np.flatnonzero((octets == _CR) | (octets == _BELL))
+    ends = np.flatnonzero((octets == _CR) | (octets == _BELL))  # positions, (lines,), as below
     starts = np.concatenate([[0], ends[:-1] + 1]) if len(ends) else ends
     line_lengths = ends - starts
     n_used = int(ends[-1]) + 1 if len(ends) else 0
@@ -88,7 +88,7 @@ def parse_slcan(stream: bytes) -> tuple[FrameBatch, int, int]:
             rows = lines[codes == code]
             stamp_digits = line_lengths[rows] - n_characters
             rows = rows[(stamp_digits == 0) | (stamp_digits == _STAMP_DIGITS)]
-            # Identifier, length code and payload of each line, without its kind.
+            # Identifier, length code and payload of each line, (rows, characters without the kind).
             nibbles = _NIBBLE[octets[starts[rows, None] + np.arange(1, n_characters)]]
             place_values = 16 ** np.arange(id_digits - 1, -1, -1, dtype=np.int64)
             ids = nibbles[:, :id_digits].astype(np.int64) @ place_values

@@ -93,20 +93,10 @@ def propose_sensors(
     used_names: set[str] = set()
     lines = _head(databases, sensors if has_sensor_list else (), buses, n_buses)
     for message in messages:
-        channels: list[str] = []
-        for signal in message.signals:
-            full = f"{message.name}.{signal.name}"
-            guess = guesses.get(full)
-            if guess is None:
-                continue
-            sensor = sensor_of(message.name) if has_sensor_list else ""
-            name = _unused_name(full, sensor, used_names)
-            used_names.add(name)
-            channels += _channel_table(name, full, guess)
-            if guess.ask:
-                device = f"sensor {sensor}" if sensor else "the IMU"
-                subject = device if guess.of_device else f"channel {name}"
-                questions.append(f"{subject}: {guess.ask}")
+        sensor = sensor_of(message.name) if has_sensor_list else ""
+        names = [f"{message.name}.{signal.name}" for signal in message.signals]
+        guessed = {full: guesses[full] for full in names if full in guesses}
+        channels = _channel_tables(guessed, sensor, used_names, questions)
         arrivals = received.get(message.name)
         rule = []
         if arrivals is not None and not (has_sensor_list and message.name in in_ready_maps):
@@ -320,6 +310,25 @@ def _unused_name(full: str, sensor: str, used_names: Collection[str]) -> str:
     # A name in bench.toml begins with a letter and has at most 60 characters.
     valid = [name[:60] for name in names if name[0].isalpha()]
     return next(name for name in valid if name not in used_names)
+
+
+def _channel_tables(
+    guesses: Mapping[str, Guess], sensor: str, used_names: set[str], questions: list[str]
+) -> list[str]:
+    """Return the lines of the `[[channel]]` tables of one message; add their names and questions.
+
+    `guesses`: by name of the signal and its message.  `sensor`: as in `_unused_name`.
+    """
+    lines = []
+    for full, guess in guesses.items():
+        name = _unused_name(full, sensor, used_names)
+        used_names.add(name)
+        lines += _channel_table(name, full, guess)
+        if guess.ask:
+            device = f"sensor {sensor}" if sensor else "the IMU"
+            subject = device if guess.of_device else f"channel {name}"
+            questions.append(f"{subject}: {guess.ask}")
+    return lines
 
 
 def _channel_table(name: str, full: str, guess: Guess) -> list[str]:

@@ -301,7 +301,7 @@ def _is_whole(line: bytes, frames: FrameBatch, recent: FrameBatch, parse: LinePa
         return False
     if frames.flags[0] & BITS.REMOTE:
         return True
-    if parse.spaced:  # its last byte has all its digits if it is a byte with one less, too
+    if parse.spaced:  # without its last character it must still have as many bytes
         shorter = parsed(line.rstrip()[:-1], parse).frames
         if len(shorter) != 1 or shorter.length[0] != frames.length[0]:
             return False

@@ -298,10 +298,10 @@ class Recording:
     def look(
         self, now: Now, links: Sequence[LinkFacts], disk: DiskStatus, storage: StorageStatus
     ) -> tuple[Event, ...]:
-        """Process all frames since the last look; also called without frames, for the alarms.
+        """Process all frames since the last call: decode, find bumps, judge runs, raise alarms.
 
-        `links`, `disk`, `storage`: their present state.  Returns the events stored: `bump`
-        and `run_end` have the label of their run.
+        Also to be called without frames, for the alarms.  `links`, `disk`, `storage`: their present
+        state.  Returns the events stored: `bump` and `run_end` have the label of their run.
         """
         batch, hops_before = FrameBatch.concatenate(self._unseen), self._looked_hops
         self._unseen, self._events, self._looked_hops = [], [], self._hops

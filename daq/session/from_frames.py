@@ -124,7 +124,7 @@ def parse_runs(text: str) -> tuple[Step, ...]:
 def numbered(labels: Iterable[Sequence[str]]) -> tuple[Step, ...]:
     """Return steps for pairs of mass state and excitation, with repeats counted in their order.
 
-    Raises InputError as `parse_runs`.
+    Raises InputError if an entry is no pair, or has no known excitation.
     """
     steps: list[Step] = []
     repeats: Counter[tuple[str, str]] = Counter()

@@ -82,7 +82,7 @@ def _changed_parts(content: Content) -> tuple[str, ...]:
 
 
 def read_content(path: Path | str) -> tuple[Content, bool]:
-    """Return the content of a session file, and whether its bytes are as they were written.
+    """Return the content of a session file, and whether its last line has the checksum of the rest.
 
     Raises InputError if there is no file, or it is no session, of a newer schema, or damaged.
     """

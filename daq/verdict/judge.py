@@ -98,11 +98,11 @@ _BODY = (
 
 
 def body_wave(signals: tuple[Trace, ...], bump_s: float) -> tuple[float, float] | None:
-    """Fit a damped wave to the clearest motion of the body after the bump.
+    """Return natural frequency, Hz, undamped, and damping ratio of the body's motion after a bump.
 
-    `bump_s`: duration of the bump.  Each mean over 80 ms of a damped wave is a linear combination
-    of the two means before it.  Returns the undamped natural frequency, Hz, and the damping ratio;
-    None if nothing shows the body or it does not swing.
+    A damped wave is fitted to the clearest motion: each of its means over 80 ms is a linear
+    combination of the two means before.  `bump_s`: duration of the bump.  None if nothing shows the
+    body or it does not swing.
     """
     start_s, step_s = bump_s + 0.2, 0.08  # 0.2 s after the bump the wheels are at rest again
     # Five times the noise and a second of motion, about a period of the body, are enough.
