@@ -221,14 +221,14 @@ def test_no_more_items_are_taken_than_the_workers_need() -> None:
 
 def test_an_error_crosses_from_a_worker_whole_and_ends_the_work() -> None:
     with pytest.raises(InputError) as caught:
-        map_items(_refuses, [7], 1, lambda done, text: None, "study")
+        map_items(_refuses, [7], 1, lambda done, text: None)
     error = caught.value
     assert (error.where, error.what, error.advice) == ("item 7", "is odd", "give an even one")
 
 
 def test_results_are_in_the_order_of_the_items_and_the_share_is_reported() -> None:
     shares: list[tuple[float, str]] = []
-    work = map_items(abs, [-3, -1, -2], 2, lambda done, text: shares.append((done, text)), "x")
+    work = map_items(abs, [-3, -1, -2], 2, lambda done, text: shares.append((done, text)))
     assert work == [3, 1, 2]
     assert shares[-1] == (1.0, "3 of 3")
 

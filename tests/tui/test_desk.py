@@ -340,7 +340,7 @@ def test_ctrl_c_ends_the_workers(
         raise KeyboardInterrupt
 
     def begun(function: object, seeds: range, count: int, *_: object) -> list[int]:
-        return map_items(abs, range(50), count, interrupted, "sizes")
+        return map_items(abs, range(50), count, interrupted)
 
     monkeypatch.setattr(executors, "map_items", begun)
     assert run(["study", "noise", "--fits", "50"]) == 130

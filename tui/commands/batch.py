@@ -77,7 +77,7 @@ def batch(
         require_ending(page, "page", PAGE_ENDINGS)
     written = {"out": out} if page is None else {"out": out, "page": page}
     for name, path in written.items():  # before hours of computing
-        refuse_existing(path, replace=True, option=f"--{name}")  # a folder
+        refuse_existing(path, replace=True, option=f"--{name}")  # refuses a folder
         make_room(path)
     begun_s = last_write_s = monotonic()
     rows = {} if force else _rows_so_far(out)

@@ -67,7 +67,7 @@ def table3(
     campaign = table3_campaign(rate_hz, noise_db)
     with output.progress("table3") as stage:
         seeds = range(seed, seed + fits)
-        attempts = map_items(partial(attempt, campaign), seeds, workers, stage, "study")
+        attempts = map_items(partial(attempt, campaign), seeds, workers, stage)
     _print_and_draw(table3_study(campaign, attempts), json)
 
 
@@ -163,7 +163,7 @@ def noise(
     bound = bound_percent(campaign)
     with output.progress("noise") as stage:
         seeds = range(seed, seed + fits)
-        outcomes = map_items(partial(outcome, campaign), seeds, workers, stage, "study")
+        outcomes = map_items(partial(outcome, campaign), seeds, workers, stage)
     _print_and_draw(noise_study(campaign, bound, outcomes), json)
 
 
@@ -176,7 +176,7 @@ def _check_figure_file(path: Path | None) -> None:
 
     if path is not None:
         require_ending(path, "figure", (".svg",))
-        refuse_existing(path, replace=True, option="--figure")  # a folder
+        refuse_existing(path, replace=True, option="--figure")  # refuses a folder
         make_room(path)
 
 

@@ -109,10 +109,11 @@ def _address_in_network() -> str:
 def display_beside(
     folder: Path, host: str | None, operator: str, control: bool
 ) -> Iterator[Served | None]:
-    """Serve the display of a folder's recorder from a process of its own; None if none is wanted.
+    """Serve the display of a folder's recorder from a separate process, until the block ends.
 
-    It ends with the block, and also if this process is killed, since it watches its stdin.
-    `host`: as of `listen_on`; None for no display.  Raises InputError if it cannot be served.
+    It ends also if this process is killed, since it watches its stdin.  `host`: as of `listen_on`;
+    if it is None, no display is served and None is yielded.  Raises InputError if it cannot be
+    served, or `control` is requested without a display.
     """
     if host is None:
         if control:

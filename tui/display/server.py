@@ -156,7 +156,7 @@ class Follower:
         self._wake()
 
     def take(self, news: News) -> None:
-        """Take in news of the recorder, and show them if they change the page."""
+        """Take in news of the recorder; only a status and a loss change the page."""
         if isinstance(news, Status):
             self._last_status, self._lost = news, None
         elif isinstance(news, Lost):

@@ -66,7 +66,7 @@ def as_finished(
             future = single.submit(function, item)
             wait([future])
             yield item, future
-    if cut_off:
+    if cut_off:  # the processes of before have all ended: others do the rest
         yield from as_finished(function, remaining, workers)
 
 
@@ -75,12 +75,11 @@ def map_items(
     items: Sequence[Item],
     workers: int,
     stage: Stage,
-    subject: str,
 ) -> list[Result]:
     """Return ``function(item)`` of every item, in their order, and report progress to `stage`.
 
-    The first error ends the work.  `subject`: name of the work in the error if a worker dies, which
-    is raised as InputError.  Other arguments and errors: as of `as_finished`.
+    The first error ends the work.  Raises InputError if a worker process dies.  Other arguments and
+    errors: as of `as_finished`.
     """
     from dbc import InputError  # this loads NumPy, which --help does not need
 
@@ -90,7 +89,7 @@ def map_items(
             results[item] = future.result()
         except BrokenProcessPool:
             advice = "close other programs; it needs memory"
-            raise InputError(subject, "a worker process died", advice) from None
+            raise InputError("processes", "one died", advice) from None
         stage(len(results) / len(items), f"{len(results)} of {len(items)}")
     return [results[item] for item in items]
 

@@ -104,11 +104,11 @@ def identify_files(paths: Sequence[str], stage: Stage) -> list[Identification]:
     the share done, 0..1.  Raises InputError if one cannot be read.
     """
     workers = min(len(paths), os.cpu_count() or 1)
-    return map_items(_result_without_residuals, paths, workers, stage, "compare")
+    return map_items(_result_without_residuals, paths, workers, stage)
 
 
 def _result_without_residuals(path: str) -> Identification:
-    """Return the result of a session file."""
+    """Return the result of a session file without residuals."""
     result = identify_parameters(read_session(path))
     if result.estimation is None:
         return result

@@ -46,14 +46,15 @@ class Outcome:
 
 
 def identify_session(path: str, stage: Stage) -> Outcome:
-    """Identify a session file."""
+    """Identify a session file; return what the screens show of it."""
     from daq import read_session
     from daq.sessions import overrides_of
     from identify import identify, usable_session
 
     stage(0.05, "reading")
     session = read_session(path)
-    result = replace(identify(session, stage, stop=_taken.is_set), estimation=None, residuals=())
+    result = identify(session, stage, stop=_answer_requested.is_set)
+    result = replace(result, estimation=None, residuals=())
     runs = tuple((run.label, str(run.status)) for run in usable_session(session).runs)
     return Outcome(path, result, overrides_of(session.provenance), runs)
 
@@ -79,15 +80,16 @@ START = "from tui.jobs.worker import main; main()"
 
 @dataclass(frozen=True, slots=True)
 class _Progress:
-    share: float
+    done: float
+    """Ratio of the work that is done, 0..1."""
     text: str
 
 
-async def answer_of(task: Task, subject: str, stage: Stage, take: asyncio.Event) -> Any:
+async def answer_of(task: Task, subject: str, stage: Stage, request: asyncio.Event) -> Any:
     """Do a task in a separate process and return its answer.
 
     The process ends with this call, also when it is cancelled or this process is killed.
-    `subject`: of an error that names none itself.  `take`: set to get the answer so far.  Raises
+    `subject`: of an error that names none itself.  `request`: set to get the answer so far.  Raises
     BumpbenchError if there is no answer.
     """
     command, pipe, nothing = [sys.executable, "-c", START], subprocess.PIPE, subprocess.DEVNULL
@@ -121,20 +123,20 @@ async def answer_of(task: Task, subject: str, stage: Stage, take: asyncio.Event)
     # which a screen that is closed twice in a row leaves with open pipes.
     Thread(target=listen, name="worker", daemon=True).start()
 
-    async def request_answer() -> None:
-        """Have the worker end with the answer so far, once `take` is set."""
-        await take.wait()
+    async def pass_request_on() -> None:
+        """Have the worker end with the answer so far, once `request` is set."""
+        await request.wait()
         with suppress(OSError, ValueError):  # it has ended
             assert worker.stdin is not None
             worker.stdin.write(b"take")
             worker.stdin.flush()
 
-    request = asyncio.create_task(request_answer())
+    passing_on = asyncio.create_task(pass_request_on())
     try:
         while isinstance(message := await messages.get(), _Progress):
-            stage(message.share, message.text)
+            stage(message.done, message.text)
     finally:
-        request.cancel()
+        passing_on.cancel()
         worker.kill()  # its children end with it
     if isinstance(message, BumpbenchError):
         raise message
@@ -144,8 +146,8 @@ async def answer_of(task: Task, subject: str, stage: Stage, take: asyncio.Event)
 # The worker's end ---------------------------------------------------------------------------------
 
 
-_taken = Event()
-"""Set once the terminal takes the answer so far."""
+_answer_requested = Event()
+"""Set once the terminal asks for the answer so far."""
 
 
 def main() -> None:
@@ -158,7 +160,7 @@ def main() -> None:
 
         def watch_stdin() -> None:
             while os.read(0, 4):
-                _taken.set()
+                _answer_requested.set()
             os._exit(1)  # the terminal has ended
 
         def send(message: Any) -> None:
@@ -167,7 +169,7 @@ def main() -> None:
 
         Thread(target=watch_stdin, daemon=True).start()
         try:
-            send(task(lambda share, text: send(_Progress(share, text))))
+            send(task(lambda done, text: send(_Progress(done, text))))
         except BumpbenchError as error:
             send(error)
         except MemoryError:

@@ -23,7 +23,10 @@ RECOVER_STORED = "make room, then `bumpbench recover` builds the session of thos
 
 
 def news(previous: Status | None, status: Status) -> Iterator[tuple[str, str]]:
-    """Yield the log lines of a change of status, each with the key that limits its repetition."""
+    """Yield the log lines of a change of status, each with the key that limits its repetition.
+
+    `previous`: None for the first status of a recorder.
+    """
     session = status.session
     if session.state == "failed" and (previous is None or previous.session != session):
         yield f"session {session.path}: {session.text} ({RECOVER})", ""
@@ -40,7 +43,8 @@ def news(previous: Status | None, status: Status) -> Iterator[tuple[str, str]]:
     for name, alarm in alarms.items():
         if name not in earlier_alarms:
             yield f"alarm {name}: {alarm.text} ({alarm.advice})", name
-    if status.recording or not previous.recording:  # its end ends alarms, but not their causes
+    # The end of a campaign ends its alarms, although their causes may last.
+    if status.recording or not previous.recording:
         for name in sorted(earlier_alarms.keys() - alarms.keys()):
             yield f"over: {name}", f"over {name}"
     earlier_verdicts = {run.label: run.status for run in previous.runs}

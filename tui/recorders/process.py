@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 LOG = "recorder.log"
+"""Name of the log in a recorder's folder."""
 
 Process = subprocess.Popen[bytes]
 

@@ -274,11 +274,11 @@ class Lanes:
         end_bin = max(self.end_bin, live.first_bin + n_received)
         for ring in self._rings.values():
             ring[:, np.arange(self.end_bin, end_bin) % n_kept] = np.nan  # values a minute old
-        fits = bins >= end_bin - n_kept
+        is_kept = bins >= end_bin - n_kept
         for lane in live.lanes:
             ring = self._rings.setdefault(lane.channel, np.full((2, n_kept), np.nan))
             received = np.array((lane.low, lane.high), dtype=np.float64)
-            ring[:, bins[fits] % n_kept] = received[:, fits]
+            ring[:, bins[is_kept] % n_kept] = received[:, is_kept]
         self.end_bin = end_bin
 
     def window(
@@ -363,8 +363,8 @@ def _lane_spec(channel: Channel, chosen: list[Channel]) -> LaneSpec:
     unit, factor = _SHOWN_UNITS.get(channel.unit, (channel.unit, 1.0))
     first_word = channel.quantity.partition("_")[0]
     short_name = f"{_SHORT_NAMES.get(first_word, first_word)} {channel.corner or ''}".strip()
-    alike = [c for c in chosen if (c.quantity, c.corner) == (channel.quantity, channel.corner)]
-    label = short_name if len(alike) == 1 else channel.name  # 10 characters fit
+    at_place = [c for c in chosen if (c.quantity, c.corner) == (channel.quantity, channel.corner)]
+    label = short_name if len(at_place) == 1 else channel.name  # 10 characters fit
     scale = str(channel.quantity) if channel.corner else channel.name
     least_range = _LEAST_RANGES[channel.unit] * factor
     return LaneSpec(channel.name, label[:10], unit, factor, least_range, scale)

@@ -78,7 +78,10 @@ _PHASE_SIGNALS = {
 
 
 def signal_of(previous: Status | Lost | None, news: Status | Lost) -> Signal | None:
-    """Return the signal for news: of a verdict first, then of an alarm or a loss, then ARMED."""
+    """Return the signal for news: of a verdict first, then of an alarm, then ARMED.
+
+    The first status gives none, and a loss gives one only if nothing was lost before.
+    """
     if isinstance(news, Lost):
         return None if news.starting or previous is not None else Signal.LOST
     if not isinstance(previous, Status):
@@ -163,8 +166,8 @@ def accepted_words(status: Status, run: LoggedRun | None) -> str:
     if run is None or not (hz := _frequency_hz(run)):
         return "good: every check passed"
     accepted_kind = (run.mass_state, run.excitation, RunStatus.ACCEPTED)
-    like = (r for r in status.runs if (r.mass_state, r.excitation, r.status) == accepted_kind)
-    first_run = next(like, run)
+    of_kind = (r for r in status.runs if (r.mass_state, r.excitation, r.status) == accepted_kind)
+    first_run = next(of_kind, run)
     if first_run.label == run.label or not (first_hz := _frequency_hz(first_run)):
         return f"good: the car swings at {hz:.2f} Hz"
     percent = max(1, math.ceil(100.0 * abs(hz / first_hz - 1.0)))
@@ -179,12 +182,12 @@ def _frequency_hz(run: LoggedRun) -> float:
 def rejected_words(run: LoggedRun) -> tuple[str, str]:
     """Return why a run was rejected and what to do; a rejection by a person has no advice."""
     failed_check = run.failed
-    most = 110  # characters, to be read from a distance
+    most_characters = 110  # to be read from a distance, where a page shows them large
     if run.by or failed_check is None:
-        return printable("; ".join(run.reasons), most), ""
+        return printable("; ".join(run.reasons), most_characters), ""
     advice = f"{failed_check.advice[:1].upper()}{failed_check.advice[1:]}".rstrip(".")
     why = f"{reason_words(failed_check.code).upper()}: {failed_check.text}"
-    return printable(why, most), printable(f"{advice}." if advice else "", 90)
+    return printable(why, most_characters), printable(f"{advice}." if advice else "", 90)
 
 
 def reason_words(code: str) -> str:

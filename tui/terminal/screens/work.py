@@ -53,8 +53,8 @@ class WorkScreen(SessionScreen):
         """The parts of the work that were begun, in order, each once."""
         self._failure: BumpbenchError | None = None
         """Why the work failed; None unless the stage is FAILED."""
-        self.take = asyncio.Event()
-        """Set to end the work with the answer so far."""
+        self.answer_request = asyncio.Event()
+        """Set to end the present work with the answer so far."""
         self._begun_s = 0.0
         """Monotonic time at which the work began, s."""
         self._progress = 0.0
@@ -101,9 +101,10 @@ class WorkScreen(SessionScreen):
             self._progress = max(self._progress, progress)  # two processes report in any order
             self._show()
 
-        self.take = asyncio.Event()
+        self.answer_request = asyncio.Event()
         try:
-            answer = await answer_of(task, Path(self.session).name, show_progress, self.take)
+            name = Path(self.session).name
+            answer = await answer_of(task, name, show_progress, self.answer_request)
         except BumpbenchError as error:
             self.fail(error)
             return None
@@ -138,18 +139,18 @@ class WorkScreen(SessionScreen):
         lines = [f"  {glyphs.good} {printable(part)}" for part in done_parts]
         lines += [f"  {glyphs.now} {printable(present_part)}"]
         elapsed_s = monotonic() - self._begun_s
-        keys = "T takes the answer so far, Esc stops" if self.may_take else "Esc stops it"
+        keys = "T takes the answer so far, Esc stops" if self.has_answer else "Esc stops it"
         keys += f"; nothing is lost   {elapsed_s:.0f} s so far"
         if self._progress >= 0.1:  # before, the remaining time would jump
             keys += f", about {elapsed_s * (1.0 / self._progress - 1.0):.0f} s left"
         return lines, keys
 
     @property
-    def may_take(self) -> bool:
-        """True while the worker looks for more than the answer that it has."""
+    def has_answer(self) -> bool:
+        """True while the worker has an answer, looks for more, and was not asked to stop."""
         # While the identification tries further elements, its part begins with these words.
-        has_answer = any(part.startswith("so far") for part in self._begun_parts)
-        return self.stage is Stage.WORKING and has_answer and not self.take.is_set()
+        is_found = any(part.startswith("so far") for part in self._begun_parts)
+        return self.stage is Stage.WORKING and is_found and not self.answer_request.is_set()
 
     @abstractmethod
     def subject_lines(self, status: Status) -> list[str]:
@@ -193,11 +194,11 @@ class IdentifyScreen(WorkScreen):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Show T only while there is an answer to take."""
-        return self.may_take if action == "take" else super().check_action(action, parameters)
+        return self.has_answer if action == "take" else super().check_action(action, parameters)
 
     def action_take(self) -> None:
         """End the work with the answer so far."""
-        self.take.set()
+        self.answer_request.set()
         self._show()
 
     async def show_results(self) -> None:
