@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dbc import Codec
 from dbc.codec import CRC_RULES, Decoded, MessageLayout, Quality, covered
@@ -48,32 +47,31 @@ class Arrivals:
     can_id: int
     is_extended: bool
     """True for 29 bits, false for 11."""
-    t_ns: NDArray[np.int64]
-    """Arrival times, ns, shape (n,)."""
-    length: NDArray[np.uint8]
-    """Number of bytes received, shape (n,)."""
-    data: NDArray[np.uint8]
-    """Payloads, one a row, shape (n, 8 or 64)."""
-    buses: tuple[int, ...]
-    """Numbers of the buses on which they came."""
+    frames: FrameBatch
+    """At least one, in order of arrival."""
+
+    @property
+    def buses(self) -> tuple[int, ...]:
+        """Numbers of the buses on which they came."""
+        return tuple(np.unique(self.frames.bus).tolist())
 
     @property
     def rate_hz(self) -> float:
-        """Mean rate, Hz; 0 for fewer than two frames, or if all came at one instant."""
-        span_s = float(self.t_ns[-1] - self.t_ns[0]) * 1e-9 if len(self.t_ns) > 1 else 0.0
-        return (len(self.t_ns) - 1) / span_s if span_s > 0 else 0.0
+        """Mean rate, Hz; 0 for one frame, or if all came at one instant."""
+        span_s = float(self.frames.t_ns[-1] - self.frames.t_ns[0]) * 1e-9
+        return (len(self.frames) - 1) / span_s if span_s > 0 else 0.0
 
     @property
     def usual_length(self) -> int:
         """The most frequent number of bytes."""
-        return int(np.argmax(np.bincount(self.length)))
+        return int(np.argmax(np.bincount(self.frames.length)))
 
     @property
     def jitter_s(self) -> float:
-        """Largest deviation of 99 of 100 intervals from the usual one, s."""
-        if len(self.t_ns) < 3:
+        """Largest deviation of 99 of 100 intervals from the usual one, s; 0 for one interval."""
+        if len(self.frames) < 3:
             return 0.0
-        interval_s = np.diff(self.t_ns) * 1e-9
+        interval_s = np.diff(self.frames.t_ns) * 1e-9
         return float(np.quantile(np.abs(interval_s - np.median(interval_s)), 0.99))
 
     def __str__(self) -> str:
@@ -103,9 +101,9 @@ def frame_table(messages: Sequence[MessageLayout], frames: FrameBatch) -> FrameT
     """
     no_data = np.uint16(FrameFlag.ERROR | FrameFlag.REMOTE)
     data = frames.select((frames.flags & no_data) == 0)
-    extended = (data.flags & np.uint16(FrameFlag.EXTENDED)) != 0
+    is_extended = (data.flags & np.uint16(FrameFlag.EXTENDED)) != 0
     message_index = Codec(tuple(messages)).classify(data).astype(np.int64)
-    frame_keys = data.can_id + _EXTENDED_KEY * extended + _BUS_KEY * data.bus.astype(np.int64)
+    frame_keys = data.can_id + _EXTENDED_KEY * is_extended + _BUS_KEY * data.bus.astype(np.int64)
     # Unknown frames keep this key; those of message i have the key -1 - i.
     frame_keys = np.where(message_index == len(messages), frame_keys, -1 - message_index)
     by_key = np.argsort(frame_keys, kind="stable")
@@ -114,15 +112,12 @@ def frame_table(messages: Sequence[MessageLayout], frames: FrameBatch) -> FrameT
     # Not strict: without data frames there is no key, but one empty part.
     for key, rows in zip(keys.tolist(), np.split(by_key, begins[1:]), strict=False):
         same_key = data.select(rows)
-        buses = tuple(np.unique(same_key.bus).tolist())
-        columns = same_key.t_ns, same_key.length, same_key.data, buses
+        arrivals = Arrivals(int(same_key.can_id[0]), bool(is_extended[rows[0]]), same_key)
         if key < 0:
-            message = messages[-1 - key]
-            known[message.name] = Arrivals(message.can_id, message.is_extended, *columns)
+            known[messages[-1 - key].name] = arrivals
         else:
-            is_extended, can_id = divmod(key % _BUS_KEY, _EXTENDED_KEY)
-            unknown.append(Arrivals(can_id, bool(is_extended), *columns))
-    unknown.sort(key=lambda arrivals: -len(arrivals.t_ns))
+            unknown.append(arrivals)
+    unknown.sort(key=lambda arrivals: -len(arrivals.frames))
     end_ns, seconds = int(frames.t_ns.max()), float(np.ptp(frames.t_ns)) * 1e-9
     return FrameTable(known, tuple(unknown), data, end_ns, seconds)
 
@@ -196,7 +191,7 @@ def check_messages(
             lines.append(Finding("absent", severity, text, f"message {name}", advice))
             continue
         counter = counters.get(name)
-        received = len(arrivals.t_ns)
+        received = len(arrivals.frames)
         rate_hz = arrivals.rate_hz * (received + (counter.missing if counter else 0)) / received
         faults = [
             *_rate_faults(message, arrivals, rate_hz, table, name in keeping.clocks),
@@ -225,7 +220,7 @@ def _rate_faults(
     `rate_hz`: with the frames that the counter shows as missing.  `has_time`: its frames state
     their time, so that it needs no cycle time.
     """
-    silent_s = (table.end_ns - int(arrivals.t_ns[-1])) * 1e-9
+    silent_s = (table.end_ns - int(arrivals.frames.t_ns[-1])) * 1e-9
     # Ten cycles, or 0.5 s, are longer than any jitter.
     if silent_s > max(0.5, 10 * (message.cycle_s or 0.0)):
         yield "stale", FAIL, f"silent for the last {silent_s:.2f} s", "check plug and power"
@@ -244,7 +239,7 @@ def _content_faults(
     message: MessageLayout, arrivals: Arrivals, decoded: Decoded
 ) -> Iterator[Fault]:
     """Yield the faults of length and checksum."""
-    length = arrivals.length
+    length = arrivals.frames.length
     sizes = "/".join(map(str, np.unique(length[length != message.length])))
     n_short, n_long = np.sum(length < message.length), np.sum(length > message.length)
     of_frames = f"of {len(length)} frames have {sizes} bytes; the DBC says {message.length}"
@@ -275,7 +270,8 @@ def fitting_rules(arrivals: Arrivals, byte: int, length: int) -> list[str]:
 
     `byte`: position of the checksum in the payload.  `length`: full length, bytes.
     """
-    payloads = np.unique(arrivals.data[arrivals.length == length], axis=0)
+    frames = arrivals.frames
+    payloads = np.unique(frames.data[frames.length == length], axis=0)
     if len(payloads) < 4:  # a wrong rule passes one frame in 256, four by chance in 256**4
         return []
     covered_bytes, stated = covered(payloads, byte, length), payloads[:, byte]

@@ -184,7 +184,7 @@ def _offsets(
     rates_hz = {(can_id, is_extended): a.rate_hz for (_, can_id, is_extended), a in traffic.items()}
     votes: Counter[tuple[int, int]] = Counter()
     for key, arrivals in traffic.items():
-        if key in claimed or len(arrivals.t_ns) < 10:
+        if key in claimed or len(arrivals.frames) < 10:
             continue
         bus, can_id, is_extended = key
         for m in messages:
@@ -379,7 +379,7 @@ def message_rule(
     channel; only then its cycle is checked.
     """
     lines = []
-    rate_hz = arrivals.rate_hz if len(arrivals.t_ns) >= FEWEST else 0.0
+    rate_hz = arrivals.rate_hz if len(arrivals.frames) >= FEWEST else 0.0
     cycle_line = f"cycle_ms = {1e3 / rate_hz:.4g}  # measured {rate_hz:.1f} Hz" if rate_hz else ""
     if message.cycle_s is None:
         lines += [cycle_line] if cycle_line else []

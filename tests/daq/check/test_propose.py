@@ -19,7 +19,7 @@ from daq.check.guess import Candidate, Guess, candidate, guess_channels
 from daq.check.propose import find_sensors, message_rule, propose_sensors
 from daq.check.pushes import Pushes, Trace
 from daq.vehicle import Corner
-from dbc import parse_codec
+from dbc import FrameBatch, parse_codec
 from dbc.codec import CRC_RULES, DecodeCounts, Decoded, MessageLayout, Samples, SignalLayout
 
 from ..sensor_bench import Row, frame_batch
@@ -130,17 +130,17 @@ def layout(signal: str, message: str = "M", cycle_ms: int = 10) -> MessageLayout
     return parse_codec(text, "m.dbc").messages[0]
 
 
-def arrivals(n: int, period_s: float, can_id: int = 256, length: int = 8) -> Arrivals:
+def arrivals(n: int, period_s: float) -> Arrivals:
     t_ns = np.rint(np.arange(n) * period_s * 1e9).astype(np.int64)
-    data = np.zeros((n, 8), np.uint8)
-    return Arrivals(can_id, False, t_ns, np.full(n, length, np.uint8), data, (0,))
+    rows = [(t, 256, 0, 0, 8, bytes(8)) for t in t_ns.tolist()]
+    return Arrivals(256, False, FrameBatch.from_rows(rows))
 
 
 def rules(signal: str, values: Numbers) -> list[str]:
     """Return the lines after the name of the message, whose signal has these values."""
     array, full = np.asarray(values, np.float64), f"M.{signal.partition(' ')[0]}"
     came = arrivals(len(array), 0.01)
-    samples = Samples(full, came.t_ns, array, np.zeros(len(array), np.uint8))
+    samples = Samples(full, came.frames.t_ns, array, np.zeros(len(array), np.uint8))
     decoded = Decoded({full: samples}, DecodeCounts(0, 0, 0, 0, 0))
     return message_rule(layout(signal), came, decoded, is_used=True)[2:]
 
