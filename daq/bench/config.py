@@ -56,6 +56,7 @@ from .toml_file import NO_KEY, STRICT, Table, toml_tables, toml_text, validated
 
 # A larger value is in the wrong unit.
 _Place = Annotated[float, Field(ge=-20, le=20)]
+# Converts a number to s or bytes from the unit that its key has in the file.
 _MINUTE, _MEGA, _GIGA = (AfterValidator(factor.__mul__) for factor in (60.0, 1e6, 1e9))
 
 

@@ -32,12 +32,10 @@ def with_vehicle(text: str, name: str, structure: Structure) -> str:
     def change(tables: _Tables) -> None:
         vehicle = tables.setdefault("vehicle", {})
         vehicle["name"] = name
-        stated = vehicle.get("structure", {})
-        present = asdict(Structure()) | stated
-        # A flag is written only if it changes: a stated one forces or forbids its element.
-        changed = {flag: on for flag, on in asdict(structure).items() if present[flag] != on}
-        if changed:
-            vehicle["structure"] = stated | changed
+        present = asdict(Structure()) | vehicle.get("structure", {})
+        for flag, on in asdict(structure).items():
+            if present[flag] != on:  # else not stated: a stated flag forces or forbids its element
+                vehicle.setdefault("structure", {})[flag] = on
 
     return _edited(text, change)
 

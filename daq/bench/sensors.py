@@ -208,8 +208,8 @@ def sensors_codec(
     """Return the messages of all sensors, each on its bus, under their full names.
 
     With one bus, frames of any bus number are accepted, because logs number their buses in
-    different ways.  If two sensors have the same identifier on one bus, the message in use (`used`:
-    those that bench.toml refers to) is kept and the other one is left out.
+    different ways.  If two sensors have the same identifier on one bus, the message in `used` (the
+    names that bench.toml refers to) is read and the other one is left out.
 
     Raises InputError if a database or identifier cannot be used, or two messages in use share one.
     """
@@ -226,22 +226,22 @@ def sensors_codec(
         left_out |= dict.fromkeys(codec.left_out)
         for message in _sent_messages(sensor, codec, sensor.bus_position if n_buses > 1 else None):
             by_id[message.bus, message.can_id, message.is_extended].append(message)
-    kept = []
+    readable: list[MessageLayout] = []  # at most one of each bus and identifier
     for (_, can_id, _), messages in by_id.items():
-        needed = messages if len(messages) == 1 else [m for m in messages if m.name in used]
-        shared = f"have the identifier {can_id:#x} on a bus"
-        if len(needed) > 1:
+        in_use = messages if len(messages) == 1 else [m for m in messages if m.name in used]
+        conflict = f"have the identifier {can_id:#x} on a bus"
+        if len(in_use) > 1:
             advice = "give one of the two sensors another bus, an id_offset or ids"
-            names = f"{needed[0].name} and {needed[1].name}"
-            raise InputError("bench.toml", f"{names} {shared}", advice)
-        kept += needed
+            names = f"{in_use[0].name} and {in_use[1].name}"
+            raise InputError("bench.toml", f"{names} {conflict}", advice)
+        readable += in_use
         names = " and ".join(message.name for message in messages)
         for message in messages:
-            if message not in needed:
+            if message not in in_use:
                 subject = f"message {message.name}"
-                text = f"{subject} is left out: {names} {shared}"
+                text = f"{subject} is left out: {names} {conflict}"
                 left_out[Finding("left_out", Severity.ERROR, text, subject)] = None
-    return Codec(tuple(kept), tuple(left_out))
+    return Codec(tuple(readable), tuple(left_out))
 
 
 def _sent_messages(sensor: Sensor, codec: Codec, bus: int | None) -> list[MessageLayout]:

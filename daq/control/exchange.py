@@ -270,7 +270,6 @@ class Client:
             self._socket.close()
             raise self._gone("no recorder is running there") from error
         self.in_control = False
-        """True if this client is in control."""
         self._number = 0  # of the last request
         self._lock = threading.Lock()
         self._replies: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()  # None at the end

@@ -155,7 +155,6 @@ class CounterHealth:
     missing: int = 0
     """Number of frames that were sent and did not arrive."""
     restarts: int = 0
-    """Number of restarts of the sensor."""
 
 
 @dataclass(frozen=True, slots=True)

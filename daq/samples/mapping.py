@@ -39,7 +39,6 @@ class MappedChannel:
     channel: Channel
     """The channel, with the unit filled in."""
     message: MessageLayout
-    """The message that carries it."""
     factor: float
     offset: float
     """Offset of the SI value, which is factor * signal + offset, before sign, scale and tare."""
@@ -322,16 +321,17 @@ def sample_groups(
         for message in sample_set.messages
     }
     channels_of_group: dict[str, list[MappedChannel]] = {}
+    set_of_group: dict[str, SampleSet] = {}
     for m, source in zip(mapped, sources, strict=True):
         if m.channel.signal in decoded.samples:
-            name = name_in_file[source]
-            if m.message.name in set_of_message and not m.is_multiplexed:
-                name = set_of_message[m.message.name].name
+            name, sample_set = name_in_file[source], set_of_message.get(m.message.name)
+            if sample_set is not None and not m.is_multiplexed:
+                name = sample_set.name
+                set_of_group[name] = sample_set
             channels_of_group.setdefault(name, []).append(m)
-    sets = {sample_set.name: sample_set for sample_set in set_of_message.values()}
     groups = (
-        _set_group(sets[name], channels, decoded, keeping, t0_ns)
-        if name in sets
+        _set_group(set_of_group[name], channels, decoded, keeping, t0_ns)
+        if name in set_of_group
         else _message_group(name, channels, decoded, keeping, t0_ns)
         for name, channels in channels_of_group.items()
     )

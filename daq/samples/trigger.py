@@ -67,7 +67,6 @@ class TriggerState:
     """State of the fold; the default is the initial state."""
 
     phase: TriggerPhase = TriggerPhase.WAITING
-    """Waiting for rest, armed, or in a run."""
     since_ns: int = 0
     """Time at which the phase began, ns; in a run, the time of the bump."""
     now_ns: int | None = None
