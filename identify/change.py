@@ -52,7 +52,7 @@ class Likelihood:
 def likelihood_of(
     estimation: Estimation, elements: Sequence[str] = (), point: tuple[Floats, Floats] | None = None
 ) -> Likelihood:
-    """Return the likelihood of a session.
+    """Return the likelihood of a session as a quadratic of the common unknowns.
 
     The common unknowns are the parameters and, for a car that is not linear, the named `elements`.
 
@@ -108,12 +108,12 @@ class Differences:
     """Common unknowns with no difference, (q,)."""
     follow: Floats
     """Fall of the best common unknowns per unit of each difference, (q, n)."""
-    shown: NDArray[np.bool_]
+    determined: NDArray[np.bool_]
     """True for the differences that the sessions determine, (n,)."""
 
     def gain(self, candidates: Sequence[int]) -> float:
         """Return the fall of the squared residuals by the differences of some candidates."""
-        indices = [place for i in candidates for place in self.places[i] if self.shown[place]]
+        indices = [place for i in candidates for place in self.places[i] if self.determined[place]]
         target = self.target[indices]
         return float(target @ pseudo_inverse(self.information[np.ix_(indices, indices)]) @ target)
 
@@ -134,7 +134,7 @@ def differences(
 
     `directions`: the unknowns of the likelihoods per unit of each parameter, (q, p).
     """
-    q = len(directions)
+    q = len(directions)  # common unknowns; n differences follow them in the normal equations
     n = sum(c.design.shape[1] for c in candidates)
     normal, right = np.zeros((q + n, q + n)), np.zeros(q + n)
     for session, likelihood in enumerate(likelihoods):
@@ -145,12 +145,12 @@ def differences(
     inverse, cross = pseudo_inverse(normal[:q, :q]), normal[:q, q:]
     common, follow, information_alone = inverse @ right[:q], inverse @ cross, normal[q:, q:]
     information = information_alone - cross.T @ follow
-    # Below this share of its information, what remains with the common ones free is rounding.
-    shown = np.diag(information) > 1e-9 * np.maximum(np.diag(information_alone), 1e-300)
+    # Below this part of its information, what remains with the common ones free is rounding.
+    determined = np.diag(information) > 1e-9 * np.maximum(np.diag(information_alone), 1e-300)
     edges = np.cumsum([0, *(c.design.shape[1] for c in candidates)]).tolist()
     places = tuple(range(start, end) for start, end in pairwise(edges))
     target = right[q:] - cross.T @ common
-    return Differences(places, information, target, common, follow, shown)
+    return Differences(places, information, target, common, follow, determined)
 
 
 # What changed -------------------------------------------------------------------------------------
@@ -229,7 +229,7 @@ class Change:
                 text = f"The joint fit names no {'parameter' if self.apart else 'change'}."
             case "parameters":
                 unchanged = "" if self.apart else "; all else is unchanged"
-                text = f"Changed: {', '.join(one.text for one in self.named)}{unchanged}."
+                text = f"Changed: {', '.join(change.text for change in self.named)}{unchanged}."
             case "other":
                 text = (
                     "Something changed, and it is none of the parameters alone: look for friction,"
@@ -285,8 +285,11 @@ def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) ->
 
 
 def choose(diffs: Differences, candidates: Sequence[Candidate], n_values: int) -> tuple[int, ...]:
-    """Return the candidates, by their places, whose gain most exceeds its price."""
-    usable = [i for i, places in enumerate(diffs.places) if np.all(diffs.shown[places])]
+    """Return the candidates, by their indices, whose gain most exceeds its price; often none.
+
+    All sets of up to three parameters are tried, of up to two over more than two sessions.
+    """
+    usable = [i for i, places in enumerate(diffs.places) if np.all(diffs.determined[places])]
 
     def price(candidate: int, level: float) -> float:
         """Return the gain that chance, or a needless unknown of the criterion by Bayes, gives."""
@@ -340,7 +343,7 @@ def _tested(
     q, n_sessions = len(directions), len(estimations)
     free_candidates = [Candidate(i, np.eye(n_sessions)[:, 1:]) for i in range(q)]
     diffs = differences(likelihoods, np.eye(q), free_candidates)
-    chi2, freedom = diffs.gain(range(q)), int(np.sum(diffs.shown))
+    chi2, freedom = diffs.gain(range(q)), int(np.sum(diffs.determined))
     explained = differences(likelihoods, directions, chosen)
     rest_freedom = freedom - len(explained.target)
     rest_chi2 = max(chi2 - explained.gain(range(len(chosen))), 0.0)
@@ -376,7 +379,7 @@ def _named_changes(
         for step, std in zip(steps_of_candidate.tolist(), stds_of_candidate.tolist(), strict=True):
             scale, share = scales[parameter], nan
             value = scale * step
-            if isnan(scale):
+            if isnan(scale):  # of a logarithm: the value in the first session changes by a factor
                 share, first_value = float(np.expm1(step)), float(np.exp(common[parameter]))
                 value, scale = first_value * share, first_value * (1.0 + share)
             changes.append(Estimate.of(value, scale * std, units[parameter]))
@@ -395,7 +398,7 @@ def _named_changes(
         p = chance_of_more(n, explained - diffs.gain(other_chosen))
         instead = tuple(words[rival] for gain, rival in sorted(rivals)[::-1] if gain > least_gain)
         named.append(NamedChange(words[parameter], kind, tuple(changes), tuple(shares), p, instead))
-    return tuple(sorted(named, key=lambda one: one.p))
+    return tuple(sorted(named, key=lambda change: change.p))
 
 
 # One structure for all sessions, so that one joint fit can hold them ------------------------------

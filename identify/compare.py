@@ -151,17 +151,17 @@ def compare(labels: Sequence[str], results: Sequence[Identification]) -> Compari
     )
     undetermined = dict.fromkeys(name for result in results for name in result.undetermined)
     estimations = [r.estimation for r in results if r.estimation is not None]
-    fitted = len(estimations) == len(results)
+    all_fitted = len(estimations) == len(results)
     return Comparison(
         tuple(labels),
         tuple(str(result.quality.verdict) for result in results),
         parameters,
         modes,
         forces,
-        _stated_alike([estimation.box for estimation in estimations]) if fitted else (),
+        _stated_alike([estimation.box for estimation in estimations]) if all_fitted else (),
         tuple(undetermined),
         stated_unlike(labels, results),
-        change_of(estimations, _apart(results)) if fitted else None,
+        change_of(estimations, _apart(results)) if all_fitted else None,
     )
 
 
@@ -211,7 +211,7 @@ def _differences(rows: Mapping[str, tuple[Estimate, ...]]) -> dict[str, tuple[Di
 def _trends(rows: Mapping[str, tuple[Estimate, ...]]) -> dict[str, Trend]:
     """Return the trend of each quantity over the sessions, tested among all."""
     untested = []
-    for estimates in rows.values():
+    for estimates in rows.values():  # a weighted straight line over the sessions 0, 1, ..
         values = np.array([e.value for e in estimates])
         weights = np.array([e.std**-2 for e in estimates])
         steps = np.arange(len(values), dtype=np.float64)

@@ -7,8 +7,6 @@ from math import floor, isfinite, log10
 
 NOT_DETERMINED = "not determined"
 """Printed instead of a number that the runs do not determine."""
-_SMALLEST_PLACE = 7
-"""Decimal place beyond which a number is written with a power of ten."""
 
 LARGEST_PERCENT = 100.0
 """Half of an interval, % of its value, beyond which the value may be zero."""
@@ -32,7 +30,7 @@ def rounded(value: float, low: float, high: float) -> tuple[str, str, str]:
     if not isfinite(value) or not isfinite(half) or half <= 0.0:
         return number(value), "", ""
     place = _place(half)
-    if place > _SMALLEST_PLACE:  # 1e-6 m/N would be hard to read with all its zeros
+    if place > 7:  # 1e-6 m/N would be hard to read with all its zeros: a power of ten is not
         digits = max(place + floor(log10(abs(value))), 0) if value else 1
         return f"{value:.{digits}e}", f"{low:.{digits}e}", f"{high:.{digits}e}"
     value_text, low_text, high_text = (_to_place(x, place) for x in (value, low, high))
@@ -74,7 +72,7 @@ def half_width_percent(value: float, low: float, high: float) -> str:
 
 def _place(half: float) -> int:
     """Return the decimal place of the second digit of a number, after rounding to it."""
-    return 1 - floor(log10(float(f"{half:.1e}"))) if half > 0.0 else 0
+    return 1 - floor(log10(float(f"{half:.1e}"))) if half > 0.0 else 0  # 0.0996 rounds to 0.10
 
 
 def _to_place(value: float, place: int) -> str:

@@ -90,7 +90,7 @@ class ClosedForm:
     known masses.  Without noise all are equal."""
 
 
-def identify_parameters(
+def vehicle_of_modes(
     baseline: ModalModel, added: ModalModel, delta_M: Floats, geometry: VehicleGeometry | None
 ) -> ClosedForm:
     """Return the vehicle that has given modes without and with added mass.
@@ -221,7 +221,7 @@ def closed_form(
         shapes.append(displacement_shapes(modes.model, modes.channels, geometry))
     baseline_M, added_M = (delta_mass(state.added, geometry.a).real for state in mass_states)
     try:
-        return identify_parameters(shapes[0], shapes[1], added_M - baseline_M, known)
+        return vehicle_of_modes(shapes[0], shapes[1], added_M - baseline_M, known)
     except np.linalg.LinAlgError as error:
         reason = "a matrix of the chain is singular"
         advice = "compare the modes with the likelihood's"

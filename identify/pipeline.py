@@ -49,14 +49,10 @@ _JUDGING_S, _LEAST_S = 2.0, 20.0
 """CPU time, s, kept for judging a fit, and that which a search for elements has in any case."""
 
 
-def _ignore(*_: object) -> None:
-    """Ignore the progress."""
-
-
 def identify(
     session: Session,
-    progress: Progress = _ignore,
-    stop: Callable[[], object] = _ignore,
+    progress: Progress = lambda *_: None,
+    stop: Callable[[], object] = lambda: False,
 ) -> Identification:
     """Identify the physical parameters of a session's vehicle, and its modes by the paper's method.
 
@@ -64,20 +60,10 @@ def identify(
     equations are reported in addition: with noise they seldom give a vehicle that would be a
     better start.
 
-    Parameters
-    ----------
-    session : Session
-        Accepted runs in two mass states, or in one with scales among the facts.
-    progress : callable, optional
-        Called as the work goes on.
-    stop : callable, optional
-        Asked after each stage of the fit with elements; where it returns True, the answer is the
-        linear fit so far, with a warning.
-
-    Returns
-    -------
-    Identification
-        With verdict `refused` and reasons where the data do not support a result.
+    `session`: accepted runs in two mass states, or in one with scales among the facts.  `progress`:
+    called as the work goes on.  `stop`: asked after each stage of the fit with elements; where it
+    returns True, the answer is the linear fit so far, with a warning.  Where the data do not
+    support a result, its verdict is `refused`, with reasons.
     """
     result = identify_parameters(session, progress, stop)
     if result.estimation is None:
@@ -103,8 +89,8 @@ def identify(
 
 def identify_parameters(
     session: Session,
-    progress: Progress = _ignore,
-    stop: Callable[[], object] = _ignore,
+    progress: Progress = lambda *_: None,
+    stop: Callable[[], object] = lambda: False,
 ) -> Identification:
     """Identify by maximum likelihood alone, without the State Variable Method: half the time.
 
@@ -121,14 +107,16 @@ def identify_parameters(
     progress(0.1, "fitting")
     began_s, vehicles = process_time(), generic_vehicles()
     linear = estimation = first_estimate(grey_box(session, records), records, vehicles)
+    # What the fit leaves is explained by the bench, by longer bumps, by swapped or late sensors,
+    # by a mistyped weight, or by the elements of a car that is not linear, in this order.
     causes, forces = faults_of_bench(session, linear), None
-    if not (linear.holds or causes.findings):  # else no car explains the decays
+    if not (linear.holds or causes.findings):
         progress(0.5, "fitting again")
         estimation = later_estimate(linear, vehicles)
         if not estimation.holds:
             causes = swapped_or_late(linear)
     if not (estimation.holds or causes.findings) and (share := share_of_faults(linear)) < 1.0:
-        causes = first_cause(linear, (mistyped_weight,), 0.0)  # friction explains the rest
+        causes = first_cause(linear, (mistyped_weight,), 0.0)  # of any size: friction adds to it
         if not causes.findings:
             real = None
             try:
@@ -191,16 +179,17 @@ def grey_box(session: Session, records: Sequence[Record]) -> GreyBox:
 
 
 def share_of_faults(linear: Estimation) -> float:
-    """Return the share of the misfit that a fault of the bench explains; 1 if no elements can.
+    """Return the part of the misfit that a fault of the bench explains; 1 if no elements can.
 
-    A car differs from the linear model in all runs: where one run is wrong, no elements are sought,
-    nor in decays that end before the body has swung once, nor where a kind of run is missing.
+    A car differs from the linear model in all runs: where some runs are wrong, no elements are
+    sought, nor in decays of less than half a second, nor where the parameters are undetermined for
+    want of a kind of run.
 
     `linear`: a linear fit that does not hold, nor does one from a later start.
     """
     longest_s = max(float(r.time_s[-1]) for d in linear.decays for r in d.recordings)
     vague = missing_runs(linear) and undetermined(linear)
-    # In less than half a period of the body, the size of the motion does not show in it.
+    # In less than half a period of the body, a decay does not show how its size affects the motion.
     if longest_s < 0.5 or vague or some_runs_are_wrong(linear):
         return 1.0
     excess = max(linear.chi2_per_n - 1.0, 0.0)
@@ -216,10 +205,11 @@ def _with_elements(
     progress: Progress,
     stop: Callable[[], object],
 ) -> RealCar | None:
-    """Return the fit with nonlinear elements where it explains the decays; None where not.
+    """Return the fit with nonlinear elements where it explains the decays best; None where not.
 
     A fault of the bench (a late or wrongly scaled sensor, swapped labels) that explains the misfit
-    with one number or none takes precedence over a dozen elements that explain it equally well.
+    with one number or none takes precedence over a dozen elements that explain it equally well:
+    each number has a price (Bayesian information criterion).
 
     `session`: with the elements that `[vehicle.structure]` forces or forbids.  `linear`: a linear
     fit that does not hold, nor does one from a later start.  `share`: of its misfit that faults of
@@ -229,8 +219,8 @@ def _with_elements(
     from .nonlinear.real_car import real_car  # with Numba: a third of a second to import
 
     def log_stage(stage: str) -> None:
-        left_s = max(_LONGEST_S - process_time() + began_s, 0.0)
-        progress(0.7 - 0.5 * left_s / _LONGEST_S, f"{stage}; at most {left_s:.0f} s left")
+        rest_s = max(_LONGEST_S - process_time() + began_s, 0.0)
+        progress(0.7 - 0.5 * rest_s / _LONGEST_S, f"{stage}; at most {rest_s:.0f} s left")
         if stop():
             raise _StoppedError
 

@@ -38,9 +38,6 @@ VERSION = "1.0.0"
 
 _PACKAGES = (Path(dbc.__file__).parent, Path(daq.__file__).parent, Path(__file__).parent)
 
-_KINDS = (".py", ".toml", ".dbc")
-"""Endings of the files that affect the numbers; compiled copies and pages do not."""
-
 
 @cache
 def software_sha256() -> str:
@@ -54,8 +51,9 @@ def software_sha256() -> str:
 def hash_of(folders: Sequence[Path]) -> str:
     """Return SHA-256 over names and contents of those files in some folders."""
     whole = sha256()
+    endings = (".py", ".toml", ".dbc")  # compiled copies and pages do not affect the numbers
     for folder in folders:
-        for path in sorted(path for path in folder.rglob("*") if path.suffix in _KINDS):
+        for path in sorted(path for path in folder.rglob("*") if path.suffix in endings):
             name, content = path.relative_to(folder.parent).as_posix(), path.read_bytes()
             whole.update(b"%s\0%d\0%s" % (name.encode(), len(content), content))
     return whole.hexdigest()
@@ -259,7 +257,7 @@ def _sensed_entries(model: ModalModel) -> list[dict[str, float]]:
 
 
 def _forces_entry(forces: Forces) -> dict[str, Any]:
-    """Return damper curves, elements, and which elements were tried, for JSON."""
+    """Return for JSON, by axle, damper curve and elements, and the elements that were tried."""
     from .nonlinear.forces import forces_at_speeds
 
     axles = {}
@@ -278,11 +276,11 @@ def _forces_entry(forces: Forces) -> dict[str, Any]:
             },
             "at_speeds": [
                 {
-                    "speed_m_s": at.speed_m_s,
-                    "damper": _entry(at.damper),
-                    "with_friction": _entry(at.total),
+                    "speed_m_s": point.speed_m_s,
+                    "damper": _entry(point.damper),
+                    "with_friction": _entry(point.total),
                 }
-                for at in forces_at_speeds(curve)
+                for point in forces_at_speeds(curve)
             ],
             "elements": _entries(axle.values),
             "notes": list(axle.notes),

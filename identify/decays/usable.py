@@ -273,7 +273,7 @@ def without_bad_values(
     spiked: list[BadValue] = []
 
     def cleaned(run: Run, group: SampleGroup, name: str) -> Real:
-        """Return the values of a channel in a run without the bad ones, which are noted."""
+        """Return a channel's values in a run, NaN for bad ones, which go into the two lists."""
         values = group.values[name].copy()
         if np.fmax.reduce(np.abs(values), initial=0.0) <= _ROUNDING:
             values[np.isfinite(values)] = 0.0
@@ -325,9 +325,11 @@ def spikes(time_s: Real, values: Real) -> list[slice]:
         return []
     period_s = float(np.median(np.diff(time_s)))
     bad = np.zeros(n, bool)
-    found = []
+    found_spikes = []
     for length in range(_MOST_SAMPLES, 0, -1):
         begins = steps[steps + length <= n]
+        # Of each place where one may begin: its samples, and those on both sides (`padded` is one
+        # ahead).
         inside = values[begins[:, None] + np.arange(length)]
         sides = padded[begins[:, None] + [0, length + 1]]
         above = inside.min(axis=1) - sides.max(axis=1)
@@ -344,9 +346,9 @@ def spikes(time_s: Real, values: Real) -> list[slice]:
             # neither those of wheels that strike the bump; four times it, some do.
             if its_height > 6.0 * _curvature(time_s, values, spike):
                 bad[spike] = True
-                found.append(spike)
+                found_spikes.append(spike)
     # More than 1 % of the samples belong to the signal.
-    return found if np.count_nonzero(bad) <= max(_MOST_SAMPLES, 0.01 * n) else []
+    return found_spikes if np.count_nonzero(bad) <= max(_MOST_SAMPLES, 0.01 * n) else []
 
 
 def _curvature(time_s: Real, values: Real, spike: slice) -> float:

@@ -45,7 +45,6 @@ from .varpro import LinearPart, StateModel, slopes
 
 _BASIN_CHI2 = 1.3
 """chi2/n below which a search has led near an optimum that holds."""
-_SEARCH_STEPS, _FIT_STEPS = 40, 30
 Records = tuple[Record, ...]
 
 
@@ -186,9 +185,10 @@ def later_estimate(first: Estimation, starts: Sequence[Real]) -> Estimation:
 def basin(
     box: GreyBox, records: Records, rest_noise: Noise, start_s: Real, etas: Sequence[Real]
 ) -> Real:
-    """Return an optimum, (P,), that explains nearly all, or that two starts led to.
+    """Return the best optimum, (P,), that searches from some starts led to.
 
-    Else it is the best that any start led to.  `rest_noise`: noise at rest.  `start_s`,
+    No further start is taken after one that explains nearly all, or leads where another one led.
+    `rest_noise`: noise at rest.  `start_s`,
     (n_records,): starts of the decays.  `etas`: where to begin, each (P,), at least one.
     """
     best = _search(box, records, rest_noise, start_s, etas[0])
@@ -254,7 +254,7 @@ def _search(box: GreyBox, records: Records, rest_noise: Noise, start_s: Real, et
         for r in decay.recordings
     )
     # To a tenth of a standard deviation: a search is followed by a fit.
-    fitted = fit(box, decays, sigma, eta, 0.1, _SEARCH_STEPS, HOLD)
+    fitted = fit(box, decays, sigma, eta, 0.1, 40, HOLD)
     # In the right basin even a wrong model leaves no more than 3 % of the motion's power.
     explains = fitted.cost < _BASIN_CHI2 * n_values + 0.03 * motion_power
     return _Search(fitted.eta, fitted.cost / n_values, explains)
@@ -277,7 +277,7 @@ def _fitted_from(
     sigma = floored(known_noise or rest_noise or rough_noise(decays), decays)
     # Without rest, noise and fit settle together in two more fits.
     for _ in range(1 if rest_noise else 3):
-        fitted = fit(box, decays, sigma, eta, max_iterations=_FIT_STEPS)
+        fitted = fit(box, decays, sigma, eta, max_iterations=30)
         eta = fitted.eta
         residuals = residuals_of(linearised(box, decays, sigma, eta), decays, sigma)
         fit_sigma = sigma  # by which this fit is weighted
@@ -356,10 +356,6 @@ def generic_vehicles(usual: Real = _MID_SIZE_CAR) -> tuple[Real, ...]:
 
 # Where a free decay begins: how far back a fitted model explains a record -------------------------
 
-_SHOWN_AT_ONCE_S, _SHOWN_LATE_S = 0.001, 0.01
-"""Seconds after the first sample that fails, within which the force ends: with accelerations of
-wheels, which show a force at once, and without them."""
-
 
 def _earliest_start_s(
     point: StateModel, covariance: Real, record: Record, decay: FreeDecay, linear: LinearPart
@@ -376,8 +372,9 @@ def _earliest_start_s(
     instants_s, forced_s = _free_instants(*values_before)
     if forced_s is not None:
         channels = [c for r in decay.recordings for c in r.group.channels]
-        shows_at_once = any(c.quantity is Quantity.HUB_ACCELERATION for c in channels)
-        force_end_s = forced_s + (_SHOWN_AT_ONCE_S if shows_at_once else _SHOWN_LATE_S)
+        # Accelerations of wheels show a force at once, all else within 10 ms.
+        has_hubs = any(c.quantity is Quantity.HUB_ACCELERATION for c in channels)
+        force_end_s = forced_s + (0.001 if has_hubs else 0.01)
         instants_s = [instant for instant in instants_s if instant > force_end_s]
     # A little before the sample, so that rounding does not cut it off.
     return decay.start_s + min(instants_s) - 1e-7 if instants_s else decay.start_s
@@ -400,7 +397,7 @@ def _values_before(
     modal_state = point.modes.W @ linear.solution[: len(point.modes.poles)]
     # Weighted products of the slopes by the linear part and by the unknowns.
     mixed = np.zeros((len(linear.solution), len(covariance)))
-    times_s, rows, errors = [], [], []
+    times_s, rows, errors = [], [], []  # of each recording, its channels one after the other
     for recording, product, stack in zip(
         decay.recordings, linear.products, linear.coefficients, strict=True
     ):
@@ -412,7 +409,8 @@ def _values_before(
         cut = record.whole(recording).between(from_s, decay.start_s)
         before_start = replace(cut, time_s=cut.time_s + (from_s - decay.start_s))  # below zero
         basis = point.basis(before_start)
-        by_unknown, by_linear = basis[:, group.motion] @ J, basis @ stack  # (n_channels, n, ..)
+        # Slopes of the samples by the P unknowns and by the linear part, (n_channels, n, ..).
+        by_unknown, by_linear = basis[:, group.motion] @ J, basis @ stack
         by_both = np.concatenate([by_unknown, by_linear], axis=2) * per_sigma[..., None]
         times_s.append(np.tile(before_start.time_s, len(stack)))
         rows.append(by_both.reshape(-1, by_both.shape[2]))

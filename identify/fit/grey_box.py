@@ -118,7 +118,7 @@ class GreyBox:
     """Structure of the vehicle, which determines its parameters."""
     facts: tuple[Fact, ...] = ()
     """Measured quantities of the vehicle, each with its standard uncertainty."""
-    lifts: bool = False
+    may_lift: bool = False
     """True if wheels may leave the ground: then the cross weight shows without scales, too."""
     names: tuple[str, ...] = field(init=False)
     parameters: tuple[str, ...] = field(init=False)
@@ -157,7 +157,7 @@ class GreyBox:
     @property
     def _has_cross_weight(self) -> bool:
         """True if the cross weight is an unknown, the last one."""
-        return self.lifts or any(fact.quantity in CORNERS for fact in self.facts)
+        return self.may_lift or any(fact.quantity in CORNERS for fact in self.facts)
 
     @property
     def corrections(self) -> tuple[str, ...]:
@@ -165,8 +165,8 @@ class GreyBox:
         return tuple(correction.name for correction in self.stated)
 
     @property
-    def scaled(self) -> dict[int, Channel]:
-        """Return the channels whose gain is fitted, by the index of its unknown."""
+    def fitted_gains(self) -> dict[int, Channel]:
+        """Channels whose gain is fitted, by the index of its unknown."""
         indices = {self._index.get(("gain", c.name)): c for c in self._channels}
         return {index: c for index, c in indices.items() if index is not None}
 

@@ -28,8 +28,6 @@ from .varpro import (
     evaluate,
 )
 
-_FAR_DAMPING, _NEAR_DAMPING = 1e-3, 1e-4  # of the first step, far from the optimum and near it
-_LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e8
 Decays = tuple[FreeDecay, ...]
 Noise = Mapping[str, float]
 """Standard deviation of the noise of each channel, SI."""
@@ -117,8 +115,8 @@ def fit(
         for decay in decays
         for r in decay.recordings
     )
-    # From near the optimum the first step may be the last.
-    damping = _FAR_DAMPING if hold else _NEAR_DAMPING
+    # From near the optimum the first step may be the last: it is damped less.
+    damping = 1e-3 if hold else 1e-4
     converged = False
     iterations, last_sigmas = 0, 0.0
     n_values = sum(decay.n_values for decay in decays)
@@ -142,6 +140,7 @@ def fit(
         step *= min(1.0, 0.5 / max(float(np.max(np.abs(step))), 1e-300))
         trial_model = linearised(box, decays, sigma, eta + step, model.batches)
         trial = _total(trial_model.blocks)
+        # Rise of the cost of being away from the start.
         moved_cost = float(start_weight @ ((eta + step - start) ** 2 - (eta - start) ** 2))
         if np.isfinite(trial.cost) and trial.cost + moved_cost <= normal.cost + rounding:
             # Where the model does not hold, residuals are larger than sigma says, and so is the
@@ -154,9 +153,9 @@ def fit(
             converged = is_whole_step and step_sigmas * shrinkage < tolerated_sigmas
             last_sigmas = step_sigmas
             eta, normal, model = eta + step, trial, trial_model
-            damping = max(damping / 10, _LEAST_DAMPING)
+            damping = max(damping / 10, 1e-9)
             hold *= 0.7
-        elif damping > _MOST_DAMPING:
+        elif damping > 1e8:  # no step, however short, lowers the cost
             break
         else:
             damping *= 10
@@ -225,7 +224,7 @@ def residuals_of(model: Linearised, decays: Decays, sigma: Noise) -> tuple[Resid
         for recording, product, coefficients in zip(
             decay.recordings, linear.products, linear.coefficients, strict=True
         ):
-            # Of each channel, for noise of 1.
+            # Part of each channel in the normal matrix, for noise of 1: (n_channels, n_linear, ..).
             normal = coefficients.swapaxes(1, 2) @ product.gram @ coefficients
             traces = np.sum(normal * linear.normal_inverse, axis=(1, 2)).tolist()
             fitted = point.basis(recording) @ (coefficients @ linear.solution).T

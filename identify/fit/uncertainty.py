@@ -119,13 +119,13 @@ def motion_ratio_estimates(box: GreyBox, fit: Fit) -> dict[str, Estimate]:
     What it takes has the fit's variance, and the rest of its own variance remains.
     """
     ratios = {}
-    for i, channel in box.scaled.items():
+    for i, channel in box.fitted_gains.items():
         if channel.motion_ratio_sigma > 0.0:
             ratio_variance = (channel.motion_ratio_sigma / channel.motion_ratio) ** 2  # relative
-            share = ratio_variance / channel.scale_sigma**2
-            variance = share**2 * float(fit.covariance[i, i]) + ratio_variance * (1.0 - share)
+            of_ratio = ratio_variance / channel.scale_sigma**2  # part of the product, 0..1
+            variance = of_ratio**2 * float(fit.covariance[i, i]) + ratio_variance * (1.0 - of_ratio)
             ratios[channel.name] = Estimate.of(
-                channel.motion_ratio * (1.0 + share * float(fit.eta[i])),
+                channel.motion_ratio * (1.0 + of_ratio * float(fit.eta[i])),
                 channel.motion_ratio * float(np.sqrt(variance)),
                 "1",
             )
@@ -185,7 +185,10 @@ def drivers(box: GreyBox, fit: Fit) -> dict[str, dict[str, float]]:
 
 
 def _std(slope: Real, covariance: Real) -> float:
-    """Return the standard deviation of a quantity from its slope by the unknowns, (P,)."""
+    """Return the standard deviation of a quantity from its slope by the unknowns, (P,).
+
+    Infinite if it depends on an undetermined unknown.
+    """
     undetermined = ~np.isfinite(np.diag(covariance))
     if np.any(slope[undetermined] != 0.0):
         return float("inf")

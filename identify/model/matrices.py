@@ -235,7 +235,7 @@ def motion_row(channel: Channel, x: ArrayLike, y: ArrayLike, lengths: ArrayLike)
 
 CORNERS = {FactQuantity(f"corner_{corner.lower()}_kg"): corner for corner in Corner}
 """The wheel of each reading of scales under one wheel."""
-SCALED = {FactQuantity.TOTAL_MASS, FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE, *CORNERS}
+LOADS = {FactQuantity.TOTAL_MASS, FactQuantity.FRONT_AXLE, FactQuantity.REAR_AXLE, *CORNERS}
 """Quantities that scales show; one of them fixes the scale that free decays leave open."""
 
 

@@ -218,10 +218,10 @@ def mode_names(model: ModalModel, geometry: VehicleGeometry) -> tuple[str, ...]:
     body = np.array([2.0 * heave, pitch * wheelbase, roll * mean_track])
     front = np.array([front_left + front_right, front_left - front_right]) / np.sqrt(2.0)
     rear = np.array([rear_left + rear_right, rear_left - rear_right]) / np.sqrt(2.0)
-    share = np.abs(np.vstack([body, front, rear])) ** 2
-    share /= share.sum(axis=0)
+    shares = np.abs(np.vstack([body, front, rear])) ** 2  # (7 motions, m modes)
+    shares /= shares.sum(axis=0)
     names = ["further mode"] * len(model)
-    for motion, mode in zip(*best_pairs(share), strict=True):
+    for motion, mode in zip(*best_pairs(shares), strict=True):
         names[mode] = MODE_NAMES[motion]
     return tuple(names)
 

@@ -265,13 +265,16 @@ def _better(
 
 
 def _split(modes: LikelyModes) -> Poles:
-    """Return the modes and a second one next to that whose pole slope the residuals follow most."""
-    residuals = modes.point.residuals / modes.noise[:, None]
-    pole_slope = modes.point.condensed.timed
+    """Return poles and shapes of the modes, with a second one next to one of them.
+
+    It is that whose slope by the pole the residuals follow most: two modes may be hidden there.
+    """
+    residuals = modes.point.residuals / modes.noise[:, None]  # (n_runs, n_channels, p)
+    pole_slope = modes.point.condensed.timed  # (n_runs, n_channels, p, m)
     # A mode may decay at once, and leave no slope.
     size = np.linalg.norm(pole_slope, axis=2, keepdims=True) + np.finfo(float).tiny
     along = np.einsum("rcpm,rcp->mcr", (pole_slope / size).conj(), residuals)
-    hidden_shapes, strength, _ = np.linalg.svd(along)  # of each mode
+    hidden_shapes, strength, _ = np.linalg.svd(along)  # of each mode, channels by runs
     mode = int(np.argmax(np.where(modes.poles.imag > 0.0, strength[:, 0], -1.0)))
     shape = hidden_shapes[mode, :, 0] * modes.noise
     poles = np.append(modes.poles, modes.poles[mode] * 1.03)  # near it, but not equal

@@ -19,7 +19,7 @@ from .laws import knee, sliding_share, sliding_slopes
 if TYPE_CHECKING:
     from .fit import Optimum
 
-_AXLES = ("front", "rear")
+AXLES = ("front", "rear")
 AS_PARAMETERS = frozenset({"anti_roll_bars", "cg_offset", "tyre_damping"})
 """Groups of elements that are also parameters of the linear model."""
 
@@ -28,7 +28,7 @@ def element_in_words(name: str) -> str:
     """Return the name of an unknown element in words: `front friction` for `F_cf`."""
     label = next(label for label, kind in KINDS.items() if kind == name[:-1])
     words = "mount compliance" if label == "mount" else label.replace("_", " ")
-    return f"{_AXLES[name[-1] == 'r']} {words}"
+    return f"{AXLES[name[-1] == 'r']} {words}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +103,8 @@ class ElementChoice:
 class Forces:
     """Forces of both axles, and the elements that were tried."""
 
-    axles: tuple[AxleForces, AxleForces]
+    axles: tuple[AxleForces, ...]
+    """Front and rear."""
     choices: tuple[ElementChoice, ...]
     """In the order in which they were released."""
     law: str = "dry friction that sticks and slides, damper curve of straight segments"
@@ -135,16 +136,14 @@ def element_estimates(best: Optimum, covariance: Real) -> dict[str, Estimate]:
 
 
 def axle_forces(
-    best: Optimum, covariance: Real, values: dict[str, Estimate]
-) -> tuple[AxleForces, AxleForces]:
-    """Return the forces of both axles at an optimum with the covariance of its free unknowns."""
-    front, rear = (_axle(best, covariance, values, axle) for axle in _AXLES)
-    return front, rear
+    best: Optimum, covariance: Real, values: dict[str, Estimate], axle: str
+) -> AxleForces:
+    """Return the forces of one axle at an optimum.
 
-
-def _axle(best: Optimum, covariance: Real, values: dict[str, Estimate], axle: str) -> AxleForces:
-    """Return the forces of one axle from the covariance of the free unknowns."""
-    left = 0 if axle == "front" else 2
+    `covariance`, (F, F): of its free unknowns.  `values`: its `element_estimates`.  `axle`: front
+    or rear.
+    """
+    left = 0 if axle == "front" else 2  # the axle's left corner
     corners = slice(left, left + 2)
     first_car, speeds, reached_m = best.point.cars[0], [], -inf
     for car, predicted in zip(best.point.cars, best.point.predicted, strict=True):
@@ -178,7 +177,10 @@ def _axle(best: Optimum, covariance: Real, values: dict[str, Estimate], axle: st
 
 
 def _curve(car: Car, left_corner: int, speed: Real, covariance: Real) -> DamperCurve:
-    """Return the curve of an axle's dampers at some speeds, (n,) m/s, compression positive."""
+    """Return the curve of an axle's dampers at some speeds, (n,) m/s, compression positive.
+
+    The force is that of the left damper; the friction is the mean of both sides.
+    """
     # Coefficients of the left corner, (n_coefficients,), and their slopes by the unknowns, (.., F).
     p, d = car.corner[left_corner], car.d_corner[left_corner]
     force, d_force = p[C] * speed, speed[:, None] * d[C]  # (n,), (n, F)
@@ -188,7 +190,8 @@ def _curve(car: Car, left_corner: int, speed: Real, covariance: Real) -> DamperC
         d_force = d_force + beyond_knot[:, None] * d[KNEES + j]
     of_axle = slice(left_corner, left_corner + 2)
     friction, d_friction = car.corner[of_axle, F_C].mean(), car.d_corner[of_axle, F_C].mean(axis=0)
-    sliding = np.sign(speed) * sliding_share(speed, p[SURPLUS], p[FALL])  # over the friction
+    # The steady force of the friction over F_c, with its sign, and its slopes.
+    sliding = np.sign(speed) * sliding_share(speed, p[SURPLUS], p[FALL])
     _, by_surplus, by_fall = np.sign(speed) * sliding_slopes(speed, p[SURPLUS], p[FALL])
     d_sliding = by_surplus[:, None] * d[SURPLUS] + by_fall[:, None] * d[FALL]
     d_total = d_force + sliding[:, None] * d_friction + friction * d_sliding

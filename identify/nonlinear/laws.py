@@ -97,15 +97,11 @@ def friction_slopes(
 ) -> tuple[Value, Value, Value, Value]:
     """Return the derivatives of `friction_rate` by w, zeta, d and the limit."""
     speed = np.sqrt(w * w + width * width)
+    # Slope of the rounded speed by w; fraction of the limit; denominator of the rate.
     turn, share, below = w / speed, zeta / limit, length + lag_s * speed
     rate = (w - speed * share) / below
-    by_limit = speed * share / limit / below
-    return (
-        (1.0 - turn * share - rate * lag_s * turn) / below,
-        -speed / limit / below,
-        -rate / below,
-        by_limit,
-    )
+    by_w = (1.0 - turn * share - rate * lag_s * turn) / below
+    return by_w, -speed / limit / below, -rate / below, speed * share / limit / below
 
 
 # The damper's mount: a compliance in series with the damper.  Parameter: sigma = 1/k_m [m/N]; 0 is

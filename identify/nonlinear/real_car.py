@@ -1,4 +1,4 @@
-"""Fits the rich model to a real car, where the linear one does not explain the decays."""
+"""Fits the nonlinear model to a real car, where the linear one does not explain the decays."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ..model.matrices import Real
 from .begin import LENGTHS, initial_states_of, is_impossible, scaled_to_vehicle
 from .car import KNOTS, Model, elements
 from .fit import Clock, Optimum, scatter, widened
-from .forces import ElementChoice, Forces, axle_forces, element_estimates
+from .forces import AXLES, ElementChoice, Forces, axle_forces, element_estimates
 from .path import POLISH, InitialState
 from .problem import Point, Problem, point_at, run_of
 from .release import GROUPS, Attempt, moved_by_beginnings, release
@@ -58,7 +58,7 @@ def real_car(
     log: Callable[[str], None],
     most_s: float = 45.0,
 ) -> RealCar | None:
-    """Fit the rich model to the decays of an estimation that does not hold.
+    """Fit the nonlinear model to the decays of an estimation that does not hold.
 
     `vehicles`, sequence of (15,) float64: generic vehicles to start from.  `decided`: elements that
     `[vehicle.structure]` forces or forbids.  `log`: receives a line for each stage.  `most_s`:
@@ -72,8 +72,8 @@ def real_car(
     tyre_damping, cg_offset = (decided.get(name, True) for name in ("tyre_damping", "cg_offset"))
     # Attempts start from a linear fit with bars, but without tyre damping and offset of the CG.
     start_box = linear.box.with_structure(Structure(symmetric, bars, False, False))
-    rich = Structure(symmetric, bars, tyre_damping, cg_offset)
-    model = Model(replace(linear.box.with_structure(rich), lifts=True), KNOTS["K3"])
+    box = linear.box.with_structure(Structure(symmetric, bars, tyre_damping, cg_offset))
+    model = Model(replace(box, may_lift=True), KNOTS["K3"])
     few_samples = tuple(
         replace(record, recordings=tuple(r.thinned(_START_RATE_HZ) for r in record.recordings))
         for record in records
@@ -176,7 +176,8 @@ def _result(
     )
     values = element_estimates(best, covariance)
     choices = _choices(best, by_noise, values, groups, chi2, freedom, decided)
-    return RealCar(estimation, Forces(axle_forces(best, covariance, values), choices))
+    axles = tuple(axle_forces(best, covariance, values, axle) for axle in AXLES)
+    return RealCar(estimation, Forces(axles, choices))
 
 
 def laws_covariance(model: Model, free: NDArray[np.intp]) -> Real:
@@ -184,6 +185,7 @@ def laws_covariance(model: Model, free: NDArray[np.intp]) -> Real:
 
     It is zero for bars, tyre damping and offsets, whose unknown is no logarithm.
     """
+    # Standard deviation of each unknown: in common with all others, and of its own.
     alike, each = np.zeros(len(model.names)), np.zeros(len(model.names))
     for i, name in enumerate(model.box.parameters):
         if name in LENGTHS:

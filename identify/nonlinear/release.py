@@ -1,4 +1,4 @@
-"""Fits the rich model: its elements are released in stages, then all unknowns are polished."""
+"""Fits the nonlinear model: its elements are released in stages, then all unknowns are polished."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def release(
     log: Callable[[str], None],
     clock: Clock,
 ) -> tuple[Optimum, tuple[str, ...]] | None:
-    """Return the optimum of the rich model and the groups in it; None without a finite path.
+    """Return the optimum of the nonlinear model and the groups in it; None without a finite path.
 
     The first stage is fitted for one attempt after the other until one ends low enough; the later
     stages follow from the best end, and up to twice more from the next best where they leave more

@@ -191,15 +191,11 @@ def expected(fisher: Fisher) -> Outlook:
 
 def vague(parameters: Mapping[str, Estimate]) -> tuple[str, ...]:
     """Return the parameters of an identification that are too uncertain to plan with."""
-    return tuple(
-        name
-        for name, e in parameters.items()
-        if not (name in SIGNED or e.std <= LARGEST_SHARE * abs(e.value))
-    )
+    return tuple(n for n, e in parameters.items() if n not in SIGNED and not e.determined)
 
 
 def _reasons(fisher: Fisher, H: NDArray[np.float64], undetermined: list[str]) -> tuple[str, ...]:
-    """Return why parameters are undetermined, from the information, (n, n), on all parameters."""
+    """Return why parameters are undetermined, from the information H, (n, n), on all parameters."""
     names = fisher.box.parameters
     pairs = zip(names, np.diag(H).tolist(), strict=True)
     unseen = [name for name, information in pairs if information < largest_std(name) ** -2]
@@ -207,13 +203,13 @@ def _reasons(fisher: Fisher, H: NDArray[np.float64], undetermined: list[str]) ->
     scaled = [name for name in names if name[0] in "mIkc"]
     change = {name: fisher.eta[i] if name in SIGNED else 1.0 for i, name in enumerate(names)}
     direction = np.array([change[name] * (name in scaled) for name in names])
-    lacks_scale = float(direction @ H @ direction) < LARGEST_SHARE**-2
-    explained = {*unseen, *(scaled if lacks_scale else ())}
+    is_scale_open = float(direction @ H @ direction) < LARGEST_SHARE**-2
+    explained = {*unseen, *(scaled if is_scale_open else ())}
     unseparated = [name for name in undetermined if name not in explained]
     reasons = []
     if unseen:
         reasons.append(f"nothing that is planned depends noticeably on {', '.join(unseen)}")
-    if lacks_scale:
+    if is_scale_open:
         larger = "all masses, springs and dampers could be larger by one factor"
         reasons.append(f"nothing that is planned fixes the scale: {larger}")
     if unseparated:
@@ -226,7 +222,6 @@ def _reasons(fisher: Fisher, H: NDArray[np.float64], undetermined: list[str]) ->
 
 Progress = Callable[[float, str], None]
 """Receives the share of the work that is done, 0..1, and the next step."""
-MOST_STEPS = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,16 +246,14 @@ class Advice:
     """Steps that together determine what the plan leaves undetermined; empty if nothing is."""
 
 
-def _ignore(*_: object) -> None:
-    """Ignore the progress."""
-
-
 def outlook(plan: Plan) -> Outlook:
     """Return the expected interval of every parameter of a plan."""
     return expected(KnownRuns().fisher(plan))
 
 
-def advise(plan: Plan, progress: Progress = _ignore, known: KnownRuns | None = None) -> Advice:
+def advise(
+    plan: Plan, progress: Progress = lambda *_: None, known: KnownRuns | None = None
+) -> Advice:
     """Return the expected intervals of a plan, and the steps that would improve them most.
 
     Steps that determine more come first; among equal ones, that with the smallest product of worst
@@ -286,11 +279,11 @@ def advise(plan: Plan, progress: Progress = _ignore, known: KnownRuns | None = N
         reached = after
         if reached.undetermined:
             ranked = _ranked(best.plan, known)
-    return Advice(now, steps[:MOST_STEPS], tuple(remedies))
+    return Advice(now, steps[:12], tuple(remedies))
 
 
 def compare_campaigns(
-    plan: Plan, progress: Progress = _ignore, known: KnownRuns | None = None
+    plan: Plan, progress: Progress = lambda *_: None, known: KnownRuns | None = None
 ) -> tuple[NextStep, ...]:
     """Return whole campaigns that could be held instead of a plan, the shortest first.
 
@@ -316,8 +309,11 @@ def _rank(outlook: Outlook) -> tuple[int, int, float]:
 
 
 def _helps(after: Outlook, now: Outlook) -> bool:
-    """Return whether an outlook after a step is worth the step."""
-    if now.undetermined:  # first things first
+    """Return whether an outlook after a step is worth the step.
+
+    Where parameters are undetermined, only a step is that determines more.
+    """
+    if now.undetermined:
         return _rank(after)[:2] < _rank(now)[:2]
     # A step that gains less than half a per cent is not worth its line.
     return after.worst * after.mean < 0.995 * now.worst * now.mean

@@ -57,7 +57,7 @@ def comparison_sections(comparison: Comparison) -> tuple[Section, ...]:
     ):  # fmt: skip
         if texts:
             blocks.append(Table(title, (heading, ""), tuple((text, cell) for text in texts)))
-    for which, label in enumerate(labels[1:]):
+    for i, label in enumerate(labels[1:]):
         for title, rows in (
             ("Parameters", comparison.parameters),
             ("Forces (damper; corner: with friction)", comparison.forces),
@@ -65,17 +65,17 @@ def comparison_sections(comparison: Comparison) -> tuple[Section, ...]:
         ):
             if rows:
                 title = f"{title}: {label} minus {labels[0]}"
-                blocks.append(_differences_table(title, rows, which))
+                blocks.append(_differences_table(title, rows, i))
     differences = Section("differences", "Differences", METHOD, tuple(blocks))
     return (differences, _trends(comparison)) if len(labels) > 2 else (differences,)
 
 
-def _differences_table(title: str, rows: Sequence[Compared], which: int) -> Table:
-    """Return the differences of quantities between the first session and session `which` + 1."""
+def _differences_table(title: str, rows: Sequence[Compared], i: int) -> Table:
+    """Return the differences of quantities between the first session and its i-th follower."""
     columns = ("", "#first", "#this", "#difference", "#±", "#z", "at 95 %", "unit")
     texts = []
     for row in rows:
-        first, this, d = row.estimates[0], row.estimates[which + 1], row.differences[which]
+        first, this, d = row.estimates[0], row.estimates[i + 1], row.differences[i]
         half = COVERAGE_95 * d.std
         values = (value_text(first), value_text(this), signed(d.value, half))
         answer = "✓ differs" if d.significant else "· within chance"
@@ -116,8 +116,8 @@ def headline_of(comparison: Comparison) -> str:
         or any(d.significant for d in row.differences)
     )
     if differing:
-        which = f"at 95 % among all {len(rows)} quantities, these differ: {differing}"
-        alone = f"Each by itself, {which}."
+        quantities = f"at 95 % among all {len(rows)} quantities, these differ: {differing}"
+        alone = f"Each by itself, {quantities}."
     elif change is not None and change.outcome == "nothing" and not change.apart:
         return f"Nothing differs beyond chance: neither by the joint fit, nor any of {len(rows)}."
     else:
@@ -155,10 +155,10 @@ def change_table(change: Change) -> Table:
             half = e.high - e.value
             _, low, high = rounded(e.value, e.low, e.high)
             half_share = abs(half / e.value * share) if e.value else 0.0
-            what = name if len(named.changes) == 1 else f"{name}, session {session}"
+            row_name = name if len(named.changes) == 1 else f"{name}, session {session}"
             by, unit, chance = signed(e.value, half), unit_text(e.unit), _chance_text(named.p)
             percent = "" if isnan(share) else f"{signed(100.0 * share, 100.0 * half_share)} %"
-            rows.append((what, named.kind, by, low, high, unit, percent, chance))
+            rows.append((row_name, named.kind, by, low, high, unit, percent, chance))
     columns = ("what changed", "", "#by", "#from", "#to", "unit", "#share", "#chance")
     return Table(title, columns, tuple(rows), note)
 

@@ -83,12 +83,12 @@ def _traces(
 ) -> tuple[Trace, ...]:
     """Return the channel of the body and that of the wheels that stand out most from their noise.
 
-    Of the wheels, accelerations come before travels.
+    Of the wheels, hubs come before travels.  `from_s`: time in the run from which traces begin.
     """
     strongest: dict[str, tuple[float, Trace]] = {}
     for recording in decay.recordings:
         whole = record.whole(recording)
-        shown = whole.time_s >= from_s
+        is_drawn = whole.time_s >= from_s
         time_s = recording.time_s + decay.start_s
         for c, channel in enumerate(recording.group.channels):
             residual = residuals.values[channel.name]
@@ -100,7 +100,7 @@ def _traces(
             if place not in strongest or strength > strongest[place][0]:
                 trace = Trace(
                     f"{channel.name}, {unit_text(channel.unit)}",
-                    envelope(whole.time_s[shown], whole.values[shown, c]),
+                    envelope(whole.time_s[is_drawn], whole.values[is_drawn, c]),
                     envelope(time_s, fitted),
                     envelope(time_s, residual / noise[channel.name]),
                 )
@@ -123,7 +123,7 @@ def _draw_decay(
     """
     from matplotlib.ticker import MaxNLocator
 
-    heights = [part for _ in traces for part in (3.0, 1.15)]
+    heights = [height for _ in traces for height in (3.0, 1.15)]  # of a trace and its residual
     grid = figure.add_gridspec(
         len(heights), 1, height_ratios=heights, left=0.13, right=0.985, top=0.985, bottom=0.115,
         hspace=0.13,
@@ -250,7 +250,10 @@ def _grid(
 
 
 def _energy_table(result: Identification) -> Table:
-    """Return the energy of each mode in each run; a column is a mode, whatever its rank."""
+    """Return the energy of each mode in each run.
+
+    A column is a mode of the first mass state; a mode without a partner there is left out.
+    """
     states = {r.label: r.mass_state for r in result.estimation.records} if result.estimation else {}
     first = next(iter(result.modal))
     modes = result.mode_names[first]

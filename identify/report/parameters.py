@@ -166,7 +166,7 @@ def _draw_intervals(
     shares: Floats,
     figure: FigureBase,
 ) -> None:
-    """Draw the intervals, (n,) %, beside the shares of kinds of sources, (n, n_kinds)."""
+    """Draw half of each interval, (n,) %, beside the shares of kinds of sources, (n, n_kinds)."""
     rows, height_in = np.arange(len(names)), _intervals_height_in(len(names))
     left, right = figure.subplots(
         1, 2, sharey=True,
@@ -409,12 +409,12 @@ def _draw_stabilisation(
     for mode in modes_hz.tolist():
         axes.axvline(mode, color=PALETTE[2], lw=0.8, alpha=0.7)
     vibrating = (diagram.poles.imag > 0.0) & (hz < high)
-    for chosen, mark, colour, label in (
+    for is_of_kind, mark, colour, label in (
         (diagram.stable, "o", PALETTE[1], "recurs"),
         (~diagram.stable, "x", "#a8a8a8", "does not"),
     ):
-        shown = vibrating & chosen
-        axes.plot(hz[shown], rank[shown], mark, ms=2.5, mew=0.5, color=colour, label=label)
+        is_drawn = vibrating & is_of_kind
+        axes.plot(hz[is_drawn], rank[is_drawn], mark, ms=2.5, mew=0.5, color=colour, label=label)
     axes.plot([], [], lw=1.0, color=PALETTE[2], label="identified mode")
     axes.set_xscale("log")
     axes.set_xlim(low, high)

@@ -89,7 +89,7 @@ def html_of(report: Report, begun: Mapping[str, Future[Markup]] = MappingProxyTy
 
 
 def page_html(name: str, documents: Mapping[str, Mapping[str, object]], **content: object) -> str:
-    """Fill a template of this folder; `documents`: data in the page, by the name of its element."""
+    """Return a template of this folder, filled; `documents`: data in it, by the element's name."""
     room = files(__package__)
     environment = jinja2.Environment(
         autoescape=True,
@@ -110,7 +110,10 @@ def page_html(name: str, documents: Mapping[str, Mapping[str, object]], **conten
 
 
 def drawing(picture: Picture) -> Markup:
-    """Draw a picture for a page with others: no prologue, its own ids, the colours of the page."""
+    """Return a picture as SVG for a page that has others: without prologue and fixed size.
+
+    Its ids begin with its key, so that they are its alone, and its colours are those of the page.
+    """
     svg = svg_of(picture)
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", svg, flags=re.DOTALL)
@@ -189,7 +192,10 @@ def _content(report: Report, folder: Path) -> dict[str, Any]:
 
 
 def _part(block: Block, folder: Path) -> dict[str, Any]:
-    """Return a block for `report.typ`; a table of one column is a file, shown as it is."""
+    """Return a block for `report.typ`, and draw its pictures into the folder.
+
+    A table of one column is a file, which is printed as it is.
+    """
     match block:
         case Table(title=title, columns=columns, rows=rows) if len(columns) == 1:
             text = "\n".join(row[0] for row in rows)
@@ -213,11 +219,11 @@ def _part(block: Block, folder: Path) -> dict[str, Any]:
         case MovingCars():
             block = still_cars(block)
             pictures = (block,)
-    shown = []
+    entries = []
     for picture in pictures:
         (folder / f"{picture.key}.svg").write_text(svg_of(picture), "utf-8")
         subtitle = "" if picture is block else picture.title
         alt = f"{block.title}: {subtitle}" if subtitle else block.title
         entry = {"file": f"{picture.key}.svg", "title": subtitle, "alt": alt}
-        shown.append({**entry, "width_in": picture.width_in})
-    return {"kind": "pictures", "title": block.title, "caption": block.caption, "pictures": shown}
+        entries.append({**entry, "width_in": picture.width_in})
+    return {"kind": "pictures", "title": block.title, "caption": block.caption, "pictures": entries}

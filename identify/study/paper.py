@@ -338,14 +338,14 @@ def mass_error_study(figure: str) -> Study:
     )
 
 
-def _error_panel(title: str, quantity: str, errors: Floats, shown: slice) -> Panel:
+def _error_panel(title: str, quantity: str, errors: Floats, chosen: slice) -> Panel:
     """Return a diagram of the errors of some parameters over the error of the stated quantity.
 
     Front and rear parameters of a kind share a colour; the rear one is dashed.
     """
     curves = tuple(
         Curve(name, _ERRORS_PERCENT, row, hue=1 + i // 2, dashed=i % 2 == 1)
-        for i, (name, row) in enumerate(zip(PARAMETER_NAMES[shown], errors.T[shown], strict=True))
+        for i, (name, row) in enumerate(zip(PARAMETER_NAMES[chosen], errors.T[chosen], strict=True))
     )
     return Panel(title, f"error of {quantity} / %", "error of the parameter / %", curves)
 
@@ -399,13 +399,13 @@ def fig9_study(rate_hz: float, noise_db: float, seed: int) -> Study:
     free, free_low = time > BUMP.end_s, time_low > BUMP.end_s + half / rate_hz
     names = [channel.name for channel in noisy.group.channels]
     titles = {"z_s": "Body, vertical (z_s)", "z_uA": "Front left hub (z_uA)"}
-    shown = [names.index(name) for name in titles]
-    signal, signal_low = clean.values[:, shown], clean_low[:, shown]  # (n_samples, 2)
-    noise, noise_low = noisy.values[:, shown] - signal, noisy_low[:, shown] - signal_low
+    columns = [names.index(name) for name in titles]
+    signal, signal_low = clean.values[:, columns], clean_low[:, columns]  # (n_samples, 2)
+    noise, noise_low = noisy.values[:, columns] - signal, noisy_low[:, columns] - signal_low
     decibels = 20.0 * np.log10(_rms(signal[free]) / _rms(noise[free]))
     decibels_low = 20.0 * np.log10(_rms(signal_low[free_low]) / _rms(noise_low[free_low]))
     y_label, panels = "acceleration / (m/s²)", []
-    for c, title in zip(shown, titles.values(), strict=True):
+    for c, title in zip(columns, titles.values(), strict=True):
         curves = ("noisy", time, noisy.values[:, c], 0), ("filtered", time_low, noisy_low[:, c], 2)
         whole, enlarged = (
             tuple(

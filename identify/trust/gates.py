@@ -121,7 +121,7 @@ def parameter_findings(estimation: Estimation) -> Iterator[Finding]:
 def missing_runs(estimation: Estimation) -> str:
     """Return the kind of runs without which a campaign shows no car; nothing if it has them."""
     labels = [record.label for record in estimation.records]
-    # By how much of its height each kind of bump lifts the wheels: front left, front right, rear ..
+    # Fraction of its height by which each kind of bump lifts each wheel.
     lifts = [b.height_ratios for kind, b in BUMPS.items() if any(f"_{kind}_" in n for n in labels)]
     if not any(fl != fr or rl != rr for fl, fr, rl, rr in lifts):
         return "roll"

@@ -248,7 +248,7 @@ def _effects(box: GreyBox, richest: _Richest) -> Iterator[_Effect]:
     late |= {kind: dict(ChainMap(*groups.values())) for kind, groups in late_groups.items()}
     for name, delays in late.items():
         yield _Effect("late", name, "ms", 1e3, delays)
-    for i, channel in richest.scaled.items():
+    for i, channel in richest.fitted_gains.items():
         yield _Effect("gain", channel.name, "%", 100.0, {i: 1.0})
     for name, i in richest.index_of_turn.items():
         yield _Effect("turn", name, "deg", 180.0 / np.pi, {i: 1.0})

@@ -29,7 +29,7 @@ from ..decays.usable import Usable, frozen
 from ..fit.estimation import Estimation
 from ..fit.grey_box import SIGNED, GreyBox
 from ..fit.likelihood import covariance_of
-from ..model.matrices import SCALED, Real
+from ..model.matrices import LOADS, Real
 from .finding import listed
 
 _LENGTHS = {
@@ -158,7 +158,7 @@ def _no_known_mass(records: Sequence[Record], session: Session) -> Iterator[str]
     force in it, or from runs both with added mass and without.
     """
     names = parameter_names(session.vehicle.structure)
-    fixing = {*SCALED, *(name for name in names if parameter_unit(name) != "m")}
+    fixing = {*LOADS, *(name for name in names if parameter_unit(name) != "m")}
     if any(fact.quantity in fixing for fact in session.vehicle.facts):
         return
     present = {record.mass_state for record in records}

@@ -20,7 +20,7 @@ from ..decays.decay import FreeDecay, with_channels
 from ..fit.estimation import Estimation, generic_vehicles
 from ..fit.grey_box import GreyBox
 from ..fit.likelihood import HOLD, Fit, fit
-from ..model.matrices import SCALED, Real
+from ..model.matrices import LOADS, Real
 from .finding import NAMED_SHARE, Cause
 from .hypotheses import ROTATIONS
 
@@ -182,10 +182,10 @@ def _swaps(estimation: Estimation) -> Iterator[Trial]:
     for a, b in ((rates.get(pitch), rates.get(roll)) for pitch, roll in ROTATIONS):
         if a and b:
             yield _swapped(f"{a.name} and {b.name} swapped", {a.name: b, b.name: a})
-    if any(fact.quantity in SCALED for fact in estimation.box.facts):
+    if any(fact.quantity in LOADS for fact in estimation.box.facts):
 
         def loads_in_lb(fact: Fact) -> Fact:
-            kg_per_unit = _LB_KG if fact.quantity in SCALED else 1.0
+            kg_per_unit = _LB_KG if fact.quantity in LOADS else 1.0
             return replace(fact, value=kg_per_unit * fact.value, sigma=kg_per_unit * fact.sigma)
 
         def weights_in_lb(state: MassState) -> MassState:

@@ -206,7 +206,7 @@ def chosen_of(
     """Return what is chosen of candidates of so many differences; other sets gain nothing."""
     free: Any = SimpleNamespace(
         places=[np.zeros(size, dtype=np.intp) for size in sizes],
-        shown=np.ones(1, dtype=bool),
+        determined=np.ones(1, dtype=bool),
         gain=lambda some: gains.get(some, 0.0),
     )
     candidates = [Candidate(i, np.zeros((n_sessions, size))) for i, size in enumerate(sizes)]
@@ -281,7 +281,7 @@ def test_a_parameter_that_one_session_only_tells_of_shows_no_difference() -> Non
     blind = Likelihood(np.diag([0.0, 1.0, 1.0]), np.array([0.0, 3.0, 0.0]), np.zeros(0))
     candidates = [Candidate(i, np.array([[0.0], [1.0]])) for i in (0, 1)]
     found = differences((known, blind), np.eye(3), candidates)
-    assert found.shown.tolist() == [False, True]
+    assert found.determined.tolist() == [False, True]
     assert found.common == pytest.approx(np.array([2.0, 1.5, 0.0]))
     # 3 and 0 with a variance of 1 each: their difference has 2.
     assert found.gain([0, 1]) == pytest.approx(9.0 / 2.0)

@@ -25,9 +25,9 @@ from identify.model.matrices import PhysicalModel, delta_mass, physical_model
 from identify.model.response import Bump, exact_response
 from identify.modes.modal_model import ModalModel, modes_of
 from identify.paper import (
-    identify_parameters,
     physical_matrices,
     sequential_vehicle,
+    vehicle_of_modes,
 )
 from identify.study.campaign import (
     PAPER_CASES,
@@ -396,7 +396,7 @@ SKEWED: tuple[BodyWeight | HubWeight, ...] = (
 @pytest.mark.parametrize("geometry", [None, FORD_GRANADA.geometry], ids=["15", "11"])
 def test_parameters_come_back_through_a_full_added_mass(geometry: VehicleGeometry | None) -> None:
     dM = delta_mass(AddedMass(SKEWED), FORD_GRANADA.a).real
-    result = identify_parameters(
+    result = vehicle_of_modes(
         modes_of(VEHICLE.A),
         modes_of(VEHICLE.with_mass(dM).A),
         dM,
@@ -433,7 +433,7 @@ def test_each_way_to_the_damping_finds_the_dampers_of_its_own_runs(
         for M, C in ((VEHICLE.M, cold), (VEHICLE.M + dM, warm))
     ]
     light, loaded = (np.vstack([np.eye(7, 14, 7), rows]) for rows in lower)
-    found = identify_parameters(modes_of(light), modes_of(loaded), dM, None).damping
+    found = vehicle_of_modes(modes_of(light), modes_of(loaded), dM, None).damping
     assert list(found) == ["baseline", "added", "mean"]
     for way, front, rear in (
         ("baseline", 1500.0, 1400.0), ("added", 1300.0, 1700.0), ("mean", 1400.0, 1550.0),
@@ -443,7 +443,7 @@ def test_each_way_to_the_damping_finds_the_dampers_of_its_own_runs(
 
 def test_a_wrong_tape_measure_stays_and_spoils_only_what_depends_on_it() -> None:
     wrong = replace(FORD_GRANADA.geometry, a=1.05 * 1.25, b=1.05 * 1.51)
-    result = identify_parameters(
+    result = vehicle_of_modes(
         modes_of(VEHICLE.A), modes_of(VEHICLE.with_mass(PAPER).A), PAPER, wrong
     )
     assert result.parameters.geometry == wrong
@@ -488,7 +488,7 @@ def test_what_gives_no_vehicle_is_refused(
     whole = modes_of(VEHICLE.A)
     some = ModalModel(whole.poles[modes], whole.shapes[:, modes])
     with pytest.raises(InputError, match=words):
-        identify_parameters(some, modes_of(VEHICLE.with_mass(PAPER).A), dM, None)
+        vehicle_of_modes(some, modes_of(VEHICLE.with_mass(PAPER).A), dM, None)
 
 
 # The paper's order of estimation ------------------------------------------------------------------

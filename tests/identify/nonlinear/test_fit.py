@@ -212,7 +212,7 @@ def problem(sigma_kg: float = 0.1, free_weights: bool = True) -> Problem:
     weights = tuple(replace(w, sigma_kg=sigma_kg if i else 0.1) for i, w in enumerate(WEIGHTS))
     states = (BASELINE, MassState("added", AddedMass(weights)))
     model = Model(
-        GreyBox((GROUP_OF_COMMON_SCALE,), states, None, RICH, lifts=True), KNOTS_OF_CAR["K3"]
+        GreyBox((GROUP_OF_COMMON_SCALE,), states, None, RICH, may_lift=True), KNOTS_OF_CAR["K3"]
     )
     centre, prior = weak_priors(model, rich_car(model))
     run = run_of(model, DECAY, {c.name: NOISE[c.quantity] for c in GROUP_OF_COMMON_SCALE.channels})

@@ -149,7 +149,7 @@ def test_an_unknown_is_reported_in_its_unit_with_its_interval(
 
 
 def test_the_cross_weight_is_no_element() -> None:
-    model = Model(GreyBox((), (BASELINE,), None, RICH, lifts=True), (0.0,))
+    model = Model(GreyBox((), (BASELINE,), None, RICH, may_lift=True), (0.0,))
     eta = bent(model, F_cf=2.0)
     free = places("k_tr", "cross weight", "F_cf", model=model)
     problem = SimpleNamespace(model=model, free=free)
@@ -178,7 +178,8 @@ def forces(
     path = SimpleNamespace(states=states(travel_m, speeds), speeds=of_dampers)
     point = SimpleNamespace(cars=(one,), predicted=(SimpleNamespace(path=path),))
     best: Any = SimpleNamespace(point=point)
-    return axle_forces(best, covariance, values)
+    front, rear = (axle_forces(best, covariance, values, axle) for axle in ("front", "rear"))
+    return front, rear
 
 
 SPEEDS = np.concatenate([np.zeros(2), np.linspace(-0.4, 0.6, 101)])
@@ -325,7 +326,7 @@ def test_a_heavier_wheel_weighs_on_the_scales() -> None:
 
 def test_wheels_that_lift_show_the_cross_weight_without_scales() -> None:
     """A free four-legged table: two opposite wheels carry more, and nothing turns it over."""
-    model = Model(GreyBox((), (BASELINE,), None, RICH, lifts=True), KNOTS["K3"])
+    model = Model(GreyBox((), (BASELINE,), None, RICH, may_lift=True), KNOTS["K3"])
     place = model.names.index("cross weight")
     even, crossed = bent(model), bent(model)
     crossed[place] = 0.4

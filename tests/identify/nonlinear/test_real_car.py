@@ -379,7 +379,7 @@ def test_a_structure_that_is_decided_has_no_parameter_of_what_is_forbidden(
 ) -> None:
     _, _, (free, allowed) = begun(monkeypatch, False)
     assert parameters <= set(free.box.parameters)
-    assert free.box.lifts
+    assert free.box.may_lift
     assert free.knots == (-0.15, 0.0, 0.15)
     assert allowed(name)
     _, _, (without, allowed) = begun(monkeypatch, False, {name: False})
