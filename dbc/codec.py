@@ -143,7 +143,7 @@ Checksum = Callable[[NDArray[np.uint8]], NDArray[np.uint8]]
 
 
 def _crc8(polynomial: int, initial: int, final_xor: int) -> Checksum:
-    """Return the function from payloads, (n, bytes), to their 8-bit CRCs, (n,), unreflected."""
+    """Return the function from payloads, (n, bytes), to 8-bit CRCs, (n,), highest bit first."""
     table = np.arange(256, dtype=np.uint16)
     for _ in range(8):
         table = np.where(table & 0x80, (table << 1) ^ polynomial, table << 1)

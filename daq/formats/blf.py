@@ -182,31 +182,33 @@ def find_objects(data: bytes, loss: LogLoss) -> tuple[NDArray[np.intp], int]:
     """Return the positions of the complete objects in `data`, and the number of bytes processed.
 
     Each object states its end, where the next one begins, so the mark of an object within a payload
-    is not taken as an object.  Data to which no chain leads are counted as lost.
+    is not taken as an object.  Bytes between two objects that are too many to be padding are lost.
     """
     header_bytes = _HEADER.itemsize  # an object is at least as long
-    chain: list[int] = []
-    lost = used = chain_end = search = 0  # bytes lost and processed; ends of `chain`, of the search
-    while 0 <= (begin := data.find(b"LOBJ", search)) <= len(data) - header_bytes:
+    begins: list[int] = []
+    # Numbers of bytes; positions of the end of the last object, and from which the next is sought.
+    lost_bytes = used_bytes = last_end = search_from = 0
+    while 0 <= (begin := data.find(b"LOBJ", search_from)) <= len(data) - header_bytes:
         size = _OBJECT_BASE.unpack_from(data, begin)[3]
-        if not header_bytes <= size <= MAX_OBJECT_BYTES:
-            search = begin + 1
+        if not header_bytes <= size <= MAX_OBJECT_BYTES:  # the mark is not that of an object
+            search_from = begin + 1
             continue
-        if begin - chain_end >= _GAP_BYTES:
-            lost += begin - chain_end
-        used = begin
-        if begin + size > len(data):
+        if begin - last_end >= _GAP_BYTES:
+            lost_bytes += begin - last_end
+        used_bytes = begin
+        if begin + size > len(data):  # it continues in the next block
             break
-        chain.append(begin)
-        used = chain_end = search = begin + size
+        begins.append(begin)
+        used_bytes = last_end = search_from = begin + size
     else:  # no object is begun; a rest that is longer than any object cannot become one
-        if len(data) - used >= MAX_OBJECT_BYTES:
-            lost += len(data) - used - header_bytes
-            used = len(data) - header_bytes
-    if lost:
+        if len(data) - used_bytes >= MAX_OBJECT_BYTES:
+            lost_bytes += len(data) - used_bytes - header_bytes
+            used_bytes = len(data) - header_bytes
+    if lost_bytes:
         many = "bytes between objects are not objects"
-        loss.add(counted(lost, "byte between objects is no object", many), bytes_cut=lost)
-    return np.array(chain, np.intp), used
+        text = counted(lost_bytes, "byte between objects is no object", many)
+        loss.add(text, bytes_cut=lost_bytes)
+    return np.array(begins, np.intp), used_bytes
 
 
 def frames_of(data: bytes, places: NDArray[np.intp], start_ns: int, loss: LogLoss) -> FrameBatch:

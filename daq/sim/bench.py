@@ -22,7 +22,7 @@ from ..control.messages import Phase, Status
 from ..runs import BASELINE, RunStatus
 from ..vehicle import Corner
 from .car import SimulatedCar
-from .ecu import Act, Rig, rig_of
+from .ecu import Manoeuvre, Rig, rig_of
 from .motion import PUSHED_S, Bump, Motion, Moving, Push, Spliced, dropped, pushed, pushed_down
 
 PIECE_S = 0.2
@@ -31,13 +31,13 @@ it is, and the recorder decides within this time."""
 BLOCK_S = 0.02
 """Host time between blocks, s: each block takes some milliseconds, however short it is."""
 LEAD_S = 0.1
-"""Rest at the beginning of an act, s, longer than the delay of any sensor."""
+"""Rest at the beginning of a manoeuvre, s, longer than the delay of any sensor."""
 SWING_S = 4.0
 """Time, s, after which the motion of a car with a damping of 0.25 at 1 Hz has decayed to 1/500."""
 PUSH_N, PUSH_S, PAUSE_S = 400.0, 1.2, 1.6
 """Force and duration of a push by a person on a corner, who lets go gently; rest after it, s."""
 _MARGIN_S = 0.2
-"""Margin at the end of an act, s, because an act ends with the piece that is being sampled."""
+"""Margin at the end of a manoeuvre, s, because it ends with the piece that is being sampled."""
 _SECOND_BUMP_S = 0.84
 """Time between the two bumps of a double bump, s."""
 _LOST_S = (0.3, 0.42)
@@ -53,18 +53,18 @@ class Fault(StrEnum):
     UNPLUG = "unplug"
 
 
-def _standing(rig: Rig, mass_state: str) -> Act:
-    """Return the act of a car that remains at rest: a push that changes nothing."""
+def _standing(rig: Rig, mass_state: str) -> Manoeuvre:
+    """Return the manoeuvre of a car that remains at rest: a push that changes nothing."""
     pose = rig.plants[mass_state].rest
-    return rig.act(Push(pose, np.zeros((7, 1)), 1.0), 0.0, np.inf)
+    return rig.manoeuvre(Push(pose, np.zeros((7, 1)), 1.0), 0.0, np.inf)
 
 
-def _pushed(rig: Rig, mass_state: str, corner: Corner) -> Act:
+def _pushed(rig: Rig, mass_state: str, corner: Corner) -> Manoeuvre:
     """Return a push by a person on a corner."""
-    return rig.act(pushed(rig.plants[mass_state], corner, PUSH_N, PUSH_S), PUSH_S, PUSH_S)
+    return rig.manoeuvre(pushed(rig.plants[mass_state], corner, PUSH_N, PUSH_S), PUSH_S, PUSH_S)
 
 
-def _bumped(rig: Rig, step: Step, twice: bool) -> Act:
+def _bumped(rig: Rig, step: Step, twice: bool) -> Manoeuvre:
     """Return a bump as the campaign makes it; a double bump is always rolled over."""
     plant, kind, campaign = rig.plants[step.mass_state], step.excitation, rig.bench.campaign
     height_m = campaign.bump_height_m
@@ -86,7 +86,7 @@ def _bumped(rig: Rig, step: Step, twice: bool) -> Act:
         lead_s += rig.bench.trigger.pre_s
         length_s += rig.bench.trigger.pre_s
         motion = dropped(plant, kind, height_m, lead_s)
-    return rig.act(motion, length_s + _MARGIN_S, length_s, lead_s)
+    return rig.manoeuvre(motion, length_s + _MARGIN_S, length_s, lead_s)
 
 
 def push_frames(
@@ -99,17 +99,17 @@ def push_frames(
     """
     rig = rig_of(bench, codec, car, seed)
     standing = _standing(rig, BASELINE)
-    plan = [(standing, rest_s)]  # acts and their lengths, s
+    plan = [(standing, rest_s)]  # manoeuvres and their lengths, s
     for corner in ORDER:
         plan += [(_pushed(rig, BASELINE, corner), PUSH_S), (standing, PAUSE_S)]
     rng, free_ns = np.random.default_rng([seed, 2]), [start_ns] * len(bench.buses)
     sampled_s = 0.0  # time up to which the car is sampled
-    for act, length_s in [*plan, (standing, np.inf)]:
+    for manoeuvre, length_s in [*plan, (standing, np.inf)]:
         begun_s = sampled_s
         while sampled_s < begun_s + length_s:
             span_s = (sampled_s, min(sampled_s + PIECE_S, begun_s + length_s))
             sampled_s = span_s[1]
-            if len(batch := rig.frames(act, begun_s, span_s, rng, start_ns, free_ns)):
+            if len(batch := rig.frames(manoeuvre, begun_s, span_s, rng, start_ns, free_ns)):
                 yield batch
 
 
@@ -141,9 +141,9 @@ class SimulatedBench(FrameSource):
         self._start_ns, self._free_ns = start_ns, [start_ns] * len(bench.buses)
         self._rng = np.random.default_rng([seed, 2])
         self._mass_state = BASELINE
-        self._act = _standing(self._rig, BASELINE)
+        self._manoeuvre = _standing(self._rig, BASELINE)
         # Times since the start, s, in the car's time.
-        self._act_begun_s = 0.0  # when the present act began
+        self._begun_s = 0.0  # when the present manoeuvre began
         self._sampled_s = 0.0  # up to which the car is sampled
         self._bump_due_s = np.inf  # of the next bump
         self._unjudged_bump_s = 0.0  # earliest time of a bump without a new verdict
@@ -190,7 +190,7 @@ class SimulatedBench(FrameSource):
         span_s = (self._sampled_s, max(stop_s, self._sampled_s))
         self._sampled_s = span_s[1]
         batch = self._rig.frames(
-            self._act, self._act_begun_s, span_s, self._rng, self._start_ns, self._free_ns
+            self._manoeuvre, self._begun_s, span_s, self._rng, self._start_ns, self._free_ns
         )
         if not len(batch):
             return batch
@@ -215,10 +215,10 @@ class SimulatedBench(FrameSource):
             raise BusError("simulated bench", what, "wait: it is plugged in again after 3 s")
 
     def _choose(self, status: Status | None) -> None:
-        """Begin the next act of the car, if it is time for one: rest, a bump, or a push."""
-        if self._sampled_s >= self._act_begun_s + self._act.length_s:
+        """Begin the next manoeuvre of the car, if it is time for one: rest, a bump, or a push."""
+        if self._sampled_s >= self._begun_s + self._manoeuvre.length_s:
             self._begin(_standing(self._rig, self._mass_state))
-        if status is None or self._act.length_s < np.inf:
+        if status is None or self._manoeuvre.length_s < np.inf:
             return
         step = status.due.step if status.due else None
         if step is not None and step.mass_state in self._rig.plants:
@@ -253,15 +253,15 @@ class SimulatedBench(FrameSource):
         self._bump_due_s, self._n_judged = np.inf, n_judged
         self._n_bumps += 1
         self._begin(_bumped(self._rig, step, fault is Fault.DOUBLE_BUMP))
-        bump_s = self._act_begun_s + self._act.bump_s
+        bump_s = self._begun_s + self._manoeuvre.bump_s
         self._unjudged_bump_s = bump_s + 10.0  # then the recorder will judge no run any more
         if fault is Fault.LOST_FRAMES:
             self._lost_s = (bump_s + _LOST_S[0], bump_s + _LOST_S[1])
         elif fault is Fault.UNPLUG:
             self._unplug_s = bump_s + 0.5
 
-    def _begin(self, act: Act) -> None:
-        self._act, self._act_begun_s = act, self._sampled_s
+    def _begin(self, manoeuvre: Manoeuvre) -> None:
+        self._manoeuvre, self._begun_s = manoeuvre, self._sampled_s
 
 
 class OtherBus(FrameSource):

@@ -39,7 +39,7 @@ class Sender:
 
 
 @dataclass(frozen=True, slots=True)
-class Act:
+class Manoeuvre:
     """One motion of the car with its duration; its time begins at 0."""
 
     motion: Moving
@@ -62,8 +62,10 @@ class Rig:
     plants: Mapping[str, Plant]
     """The car in each state of loading."""
 
-    def act(self, motion: Moving, sampled_s: float, length_s: float, bump_s: float = np.inf) -> Act:
-        """Return a motion for sampling from 0 to `sampled_s`; `length_s`, `bump_s`: as in `Act`."""
+    def manoeuvre(
+        self, motion: Moving, sampled_s: float, length_s: float, bump_s: float = np.inf
+    ) -> Manoeuvre:
+        """Return a motion that can be sampled from 0 to `sampled_s`, as a manoeuvre."""
         outputs = {}  # of the low-passes
         for channel in (channel for sender in self.senders for channel in sender.channels):
             sensor = self.drawn.sensors[channel.name]
@@ -71,11 +73,11 @@ class Rig:
                 span_s = (-sensor.delay_s, sampled_s - sensor.delay_s)
                 unloaded = self.plants[BASELINE]
                 outputs[channel.name] = low_passed(channel, sensor, unloaded, motion, span_s)
-        return Act(motion, length_s, bump_s, outputs)
+        return Manoeuvre(motion, length_s, bump_s, outputs)
 
     def frames(
         self,
-        act: Act,
+        manoeuvre: Manoeuvre,
         begun_s: float,
         span_s: tuple[float, float],
         rng: np.random.Generator,
@@ -84,12 +86,13 @@ class Rig:
     ) -> FrameBatch:
         """Return the frames of a span of time, in the order in which the buses carry them.
 
-        `begun_s`, `span_s`: begin of the act, and begin and end of the span, s since the start of
-        the campaign; adjacent spans lose and repeat nothing.  `start_ns`: time stamp of that
-        start.  `free_ns`: time at which each bus is free again; updated here.
+        `begun_s`, `span_s`: begin of the manoeuvre, and begin and end of the span, s since the
+        start of the campaign; adjacent spans lose and repeat nothing.  `start_ns`: time stamp of
+        that start.  `free_ns`: time at which each bus is free again; updated here.
         """
         batches = [
-            self._released(sender, act, begun_s, span_s, rng, start_ns) for sender in self.senders
+            self._released(sender, manoeuvre, begun_s, span_s, rng, start_ns)
+            for sender in self.senders
         ]
         released, counts = FrameBatch.concatenate(batches), [len(batch) for batch in batches]
         messages = [sender.message for sender in self.senders]
@@ -108,7 +111,7 @@ class Rig:
     def _released(
         self,
         sender: Sender,
-        act: Act,
+        manoeuvre: Manoeuvre,
         begun_s: float,
         span_s: tuple[float, float],
         rng: np.random.Generator,
@@ -124,11 +127,11 @@ class Rig:
         for channel in sender.channels:
             sensor = self.drawn.sensors[channel.name]
             motion_s = tick_s - begun_s - sensor.delay_s  # of the motion that the sensor shows
-            if channel.name in act.low_passed:
-                reading = np.interp(motion_s, *act.low_passed[channel.name])
+            if channel.name in manoeuvre.low_passed:
+                reading = np.interp(motion_s, *manoeuvre.low_passed[channel.name])
             else:
                 if sensor.delay_s not in motion_by_delay:
-                    motion_by_delay[sensor.delay_s] = act.motion.at(motion_s)
+                    motion_by_delay[sensor.delay_s] = manoeuvre.motion.at(motion_s)
                 motion = motion_by_delay[sensor.delay_s]
                 reading = true_reading(channel, sensor, self.plants[BASELINE], motion)
             signal = sender.message.signal(signal_of(channel.signal))
@@ -164,9 +167,11 @@ def campaign_frames(
         start_s = number * car.run_s
         height_m, bump_s = bench.campaign.bump_height_m, bench.campaign.bump_s
         bump = Bump(step.excitation, height_m, car.lead_s, bump_s)
-        act = rig.act(rig.plants[step.mass_state].drive(bump, car.run_s), car.run_s, car.run_s)
+        manoeuvre = rig.manoeuvre(
+            rig.plants[step.mass_state].drive(bump, car.run_s), car.run_s, car.run_s
+        )
         span_s = (start_s, start_s + car.run_s)
-        yield rig.frames(act, start_s, span_s, rng, start_ns, free_ns)
+        yield rig.frames(manoeuvre, start_s, span_s, rng, start_ns, free_ns)
 
 
 def bench_senders(bench: Bench, codec: Codec, drawn: Truth) -> tuple[Sender, ...]:

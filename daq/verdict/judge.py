@@ -175,7 +175,17 @@ def not_repeatable(
     limit = PEAK_RATIO if ratio > 1.0 else 1.0 / PEAK_RATIO
     passed = 1.0 / PEAK_RATIO <= ratio <= PEAK_RATIO
     yield finding("not_repeatable", passed, ratio, limit, "", text, furthest)
-    comparable = [n for n in main if all(n in run.waves for run in (measured, *accepted))]
+    yield from _like_the_others(main, measured, accepted)
+
+
+def _like_the_others(
+    names: Sequence[str], measured: RunMeasure, accepted: Sequence[RunMeasure]
+) -> Iterator[Finding]:
+    """Yield the finding on the channel whose course is least like the median of accepted runs.
+
+    `names`: channels to compare; nothing is yielded if none of them has a course in all runs.
+    """
+    comparable = [n for n in names if all(n in run.waves for run in (measured, *accepted))]
     usual_waves = {n: np.median([run.waves[n] for run in accepted], axis=0) for n in comparable}
     likeness = {n: _cosine(measured.waves[n], usual_waves[n]) for n in comparable}
     if likeness:
