@@ -53,7 +53,6 @@ class Campaign:
     mass_states: Annotated[tuple[str, ...], NO_KEY] = (BASELINE, ADDED)
     """The states of loading, in the order of the fewest changes of masses."""
     bump_s: Annotated[float, Field(gt=0, le=10)] = 0.2
-    """Duration of the bump, s."""
     method: Method = Method.ROLL_OVER
     bump_height_m: Annotated[
         float,

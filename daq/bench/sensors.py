@@ -299,7 +299,6 @@ class MessageRule(Table):
     cycle_ms: Annotated[float, Field(gt=0)] | None = None
     """Time between two frames, ms, instead of that of the DBC."""
     counter: str | None = None
-    """Name of its rolling counter."""
     counter_modulus: Annotated[int, Field(ge=2, le=1 << 32)] | None = None
     """Number of values of the counter; None: all values of its bits."""
     crc: str | None = None

@@ -177,7 +177,6 @@ class SessionStatus:
     text: str = ""
     """Reason of a failure, or the losses of the journal."""
     recording: str = ""
-    """Identity of the recording."""
     revision: int = 0
     """Revision of the run log from which it was built."""
 
@@ -203,7 +202,6 @@ class Status:
     """CRC of the present bench.toml: a client asks for the file when this changes."""
     phase: Phase
     phase_s: float
-    """Time in the phase, s."""
     countdown_s: float | None
     """Time until the next run is armed, s; None if no run will be armed."""
     not_at_rest: tuple[str, ...]

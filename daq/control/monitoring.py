@@ -22,7 +22,6 @@ class Heartbeats:
     readers: tuple[tuple[str, float], ...]
     """Name of each bus, and the last cycle of its reader; 0 before the first cycle."""
     writer_s: float
-    """Last cycle of the writer."""
     durable_s: float
     """Last time at which all received frames were on the disk; 0 before the first block."""
 

@@ -218,7 +218,6 @@ class _Ticks:
     delay_s: NDArray[np.float64]
     """Delay of each frame after its tick, s, shape (n,)."""
     cycle_s: float
-    """Time between two ticks, s."""
 
     @property
     def unlikeliness(self) -> float:

@@ -43,7 +43,6 @@ class ChannelRest:
     quiet_since_ns: int
     """Time of the last sample away from rest (or of the first sample), ns."""
     slot: int
-    """Index of the present slot."""
     first_value: float
     """First sample of all, which is the level until a slot is complete."""
     rest_level: float = float("nan")
@@ -54,7 +53,6 @@ class ChannelRest:
     last_side: int = 0
     """+1 or -1 if the last sample was far above or below rest (`TriggerConfig.level`), else 0."""
     last_ns: int = 0
-    """Time stamp of the last sample, ns."""
 
     def rested(self, now_ns: int, rest_ns: int, since_ns: int = 0) -> bool:
         """Return whether the channel has rested for `rest_ns`, of the time since `since_ns`."""
