@@ -243,8 +243,6 @@ def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
     from daq.files import write_bytes
     from dbc import InputError, csv_text
 
-    from ..jobs.reporting import batch_page
-
     columns = list(dict.fromkeys(name for row in rows.values() for name in row))
     table = StringIO()
     writer = csv.DictWriter(table, columns, restval="", lineterminator="\n")
@@ -253,6 +251,8 @@ def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
         writer.writerow({n: csv_text(v) if isinstance(v, str) else v for n, v in row.items()})
     texts = {out: table.getvalue()}
     if page is not None:
+        from ..jobs.reporting import batch_page
+
         texts[page] = batch_page(columns, list(rows.values()), page.parent)
     for path, text in texts.items():
         try:  # the name of a session file need not be UTF-8

@@ -176,9 +176,7 @@ class Form(VerticalScroll, can_focus=False):
             options = [(choice, choice) for choice in field.choices]
             entry = Select(options, allow_blank=False, compact=True)
         else:
-            max_length = max(
-                field.max_length, 60
-            )  # more than a short limit: an error, not a cut text
+            max_length = max(field.max_length, 60)  # a text over a short limit is an error, not cut
             classes = "number" if field.unit else ""
             entry = Line(compact=True, max_length=max_length, classes=classes)
         self._fields[field.name], self._inputs[field.name] = field, entry

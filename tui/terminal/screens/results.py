@@ -41,9 +41,8 @@ _SEVERITY_WORDS = {Verdict.REFUSED: "REFUSED", Verdict.DOUBTFUL: "DOUBT", Verdic
 
 def symbol(verdict: str, glyphs: Glyphs) -> str:
     """Return the character for a verdict on a result or a run, or for a severity."""
-    return {"ok": glyphs.good, "accepted": glyphs.good, "doubtful": glyphs.warn}.get(
-        verdict, glyphs.bad
-    )
+    symbols = {"ok": glyphs.good, "accepted": glyphs.good, "doubtful": glyphs.warn}
+    return symbols.get(verdict, glyphs.bad)
 
 
 def verdict_lines(outcome: Outcome, glyphs: Glyphs, width: int, most_lines: int) -> list[str]:
