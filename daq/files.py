@@ -44,6 +44,27 @@ def json_in_html(document: Mapping[str, object], **form: Any) -> str:
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
+def input_bytes(path: Path, advice: str, most_bytes: int = -1) -> bytes:
+    """Return the first bytes of a file that a user names; all of them if `most_bytes` is -1.
+
+    `advice`: what to name instead.  Raises InputError if the file is missing, empty, no regular
+    file, or cannot be read.
+    """
+    where = str(path)
+    if not path.is_file():
+        problem = "is a directory" if path.is_dir() else "is not a regular file"
+        raise InputError(where, problem if path.exists() else "no such file", advice)
+    try:
+        with path.open("rb") as file:
+            content = file.read(most_bytes)
+    except OSError as error:
+        what = f"cannot be read: {error.strerror or error}"
+        raise InputError(where, what, "check rights and disk") from error
+    if not content:
+        raise InputError(where, "is empty", "check that it is the right file")
+    return content
+
+
 def make_room(path: Path) -> None:
     """Create the folder of a file that a user names, before long work: a wrong name fails at once.
 

@@ -16,7 +16,7 @@ from daq.bus.interfaces import open_source
 from daq.check.propose import propose_sensors
 from daq.check.pushes import ORDER, spoken
 from daq.files import write_named
-from daq.formats.log import read_log
+from daq.formats.log import Log
 from dbc import FrameBatch, read_dbc
 
 from . import output
@@ -32,7 +32,7 @@ def read_frames(bench: Bench, log: Path | None, skip_s: float, seconds: float) -
 def _from_log(log: Path, skip_s: float, seconds: float) -> FrameBatch:
     """Return the frames of some seconds of a log, from `skip_s` after its first frame."""
     batches: list[FrameBatch] = []
-    for batch in read_log(log):
+    for batch in Log([log]):
         batches.append(batch)
         if int(batch.t_ns[-1]) - int(batches[0].t_ns[0]) > (skip_s + seconds) * 1e9:
             break

@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from dbc.units import known_si
 from dbc.words import InputError, counted, printable
 
+from ..files import input_bytes
 from ..samples.mapping import Column, Columns
 from .mf4 import open_mdf
-from .reader import file_head, optional
+from .reader import optional
 
 _UNREAD = np.zeros(0)
 """Values of a column that is not yet read."""
@@ -56,7 +57,7 @@ def read_columns(path: Path, names: Sequence[str]) -> Columns:
     `names`: in full, or from a slash to the end; empty for all columns of numbers.  Raises
     InputError if the file cannot be read, or does not have exactly one column of a name.
     """
-    where, head = str(path), file_head(path, 16, f"name a file of channels: {NAMES}")
+    where, head = str(path), input_bytes(path, f"name a file of channels: {NAMES}", 16)
     if head.startswith(b"UnFinMF "):
         what = "was not finished by its logger"
         raise InputError(where, what, "finish it with the logger's tool, or import its bus log")

@@ -13,12 +13,13 @@ from dbc.words import InputError, counted, plural, printable
 
 from ..bench.campaign import Origin
 from ..bus.source import HopLosses
+from ..files import input_bytes
 from ..journal.reader import JournalReader, recording_of
 from ..journal.segment import MAGIC
 from .asc import AscParser
 from .blf import read_blf
 from .mf4 import read_mf4
-from .reader import LineParser, LogLoss, file_head, head_of, parsed, read_lines
+from .reader import LineParser, LogLoss, head_of, parsed, read_lines
 from .text_logs import CandumpParser, CsvParser, TrcParser
 
 RESTART_NS = 1_000_000_000
@@ -61,7 +62,7 @@ def detect(path: Path) -> LogFormat:
     header decides between formats that read as many.  Raises InputError if the file is missing,
     empty or not a known log.
     """
-    head = file_head(path, 1 << 16, f"name a log: {NAMES}")  # that of a text log is shorter
+    head = input_bytes(path, f"name a log: {NAMES}", 1 << 16)  # that of a text log is shorter
     for magic, form in _MAGIC.items():
         if head.startswith(magic):
             return form
@@ -214,11 +215,6 @@ class Log:
 def _frame(batch: FrameBatch, row: int) -> tuple[int, int, bytes]:
     """Return time stamp, identifier and payload of a frame."""
     return int(batch.t_ns[row]), int(batch.can_id[row]), batch.data[row].tobytes()
-
-
-def read_log(path: Path) -> Log:
-    """Return the log in a file; its content decides the format.  Raises InputError as `Log`."""
-    return Log([path])
 
 
 def read_logs(paths: Sequence[Path]) -> list[Log]:

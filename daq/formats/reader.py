@@ -8,7 +8,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib import import_module
-from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import BinaryIO, Protocol
 
@@ -71,27 +70,6 @@ class LogLoss:
         ]
         losses = [f"{number} {kind}" for number, kind in counts if number]
         return "; ".join([", ".join(losses), *self.notes]) if losses else ""
-
-
-def file_head(path: Path, size: int, advice: str) -> bytes:
-    """Return the first bytes of a file that a user names.
-
-    `advice`: what to name instead.  Raises InputError if the file is missing, empty, no regular
-    file, or cannot be read.
-    """
-    where = str(path)
-    if not path.is_file():
-        other = "is a directory" if path.is_dir() else "is not a regular file"
-        raise InputError(where, other if path.exists() else "no such file", advice)
-    try:
-        with path.open("rb") as file:
-            head = file.read(size)
-    except OSError as error:
-        what = f"cannot be read: {error.strerror or error}"
-        raise InputError(where, what, "check rights and disk") from error
-    if not head:
-        raise InputError(where, "is empty", "check that it is the right file")
-    return head
 
 
 def possible_frames(frames: FrameBatch, loss: LogLoss) -> FrameBatch:

@@ -7,8 +7,6 @@ sensor itself samples evenly.  Sample k was taken at ``a + r k``; its frame arri
 mean distance from them is the maximum-likelihood line for exponential delays.  For any
 distribution, its error is about the smallest delay divided by the number of punctual frames,
 because it only requires that some frames are punctual.  Stalls do not move it.
-
-If the scatter is only the noise of a hardware clock, which has two sides, least squares is better.
 """
 
 from __future__ import annotations
@@ -372,8 +370,8 @@ def _fitted_times(
 ) -> NDArray[np.float64]:
     """Return the times of the samples of one part, s, (n,); of fewer than 20, their arrivals.
 
-    They lie on the line below the arrivals, or on that of least squares if the stamps are noisy and
-    not late.  `sensor_time`: as in `_times_between_restarts`, increasing.
+    They lie on the line below the arrivals.  `sensor_time`: as in `_times_between_restarts`,
+    increasing.
     """
     if len(sensor_time) < _FEWEST:
         return arrival_s
@@ -386,13 +384,6 @@ def _fitted_times(
         # Believed only if it halves the mean delay, which is this because `from_middle` has mean 0.
         if np.mean(since_s) - middle_s > 2 * (np.mean(since_s) - wide_middle_s):
             middle_s, rate = wide_middle_s, wide_rate
-    delay_s = since_s - rate * from_middle  # from any origin: only its scatter counts
-    low_s, median_s, high_s = np.quantile(delay_s, [0.25, 0.5, 0.75]).tolist()
-    # Distance of quartiles, s, below which the scatter is the noise of a clock and not delays.
-    if high_s - low_s < 15e-6:
-        # An outlier is five distances of quartiles from the median, and at least a microsecond.
-        is_usual = np.abs(delay_s - median_s) <= max(5.0 * (high_s - low_s), 1e-6)
-        rate, middle_s = np.polyfit(from_middle[is_usual], since_s[is_usual], 1).tolist()
     return np.asarray(origin_s + middle_s + rate * from_middle)
 
 

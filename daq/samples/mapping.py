@@ -289,7 +289,7 @@ def bind_counted(
 # The groups ---------------------------------------------------------------------------------------
 
 _LONGEST_NAME = 64
-"""Largest length of a group's name in a session file (`daq.session`), bytes."""
+"""Largest length of a group's name in a session file, bytes."""
 
 
 @dataclass(frozen=True, slots=True)

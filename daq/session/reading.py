@@ -16,6 +16,7 @@ from dbc.frames import FrameBatch
 from dbc.words import Finding, InputError, Severity, counted, printable
 
 from ..channels import Channel
+from ..files import input_bytes
 from ..runs import Event, Excitation, Losses, Run, RunStatus, SampleGroup
 from ..sessions import Session
 from ..vehicle import (
@@ -88,16 +89,7 @@ def read_content(path: Path | str) -> tuple[Content, bool]:
     """
     import h5py
 
-    path = Path(path)
-    where = str(path)
-    if not path.is_file():
-        problem = "is a directory" if path.is_dir() else "is not a regular file"
-        raise InputError(where, problem if path.exists() else "no such file", _ADVICE)
-    try:
-        image = path.read_bytes()
-    except OSError as error:
-        what = f"cannot be read: {error.strerror}"
-        raise InputError(where, what, "get read permission") from error
+    where, image = str(path), input_bytes(Path(path), _ADVICE)
     end = len(image) - len(writing.MARK) - 9  # of the HDF5: mark, eight digits, line feed follow
     is_marked = end > 0 and image.startswith(writing.MARK, end)
     is_as_written = is_marked and image[end:] == b"%s%08x\n" % (writing.MARK, crc32(image[:end]))

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import identify
 from daq.bench.config import bench_codec, load_bench
-from daq.formats.log import read_log
+from daq.formats.log import Log
 from daq.session.from_frames import Intake, labelled, session_from_parts
 
 
@@ -18,7 +18,7 @@ def main(log: Path, bench_toml: Path | None = None) -> None:
     """Find the bumps, cut the runs, identify, and print what was found."""
     bench = load_bench(bench_toml)
     codec = bench_codec(bench)
-    frames, intake = read_log(log), Intake(bench, codec)
+    frames, intake = Log([log]), Intake(bench, codec)
     for batch in frames:
         intake.take(batch, frames.hops)
     parts = labelled([intake.part()], bench.campaign.steps, skip=0)

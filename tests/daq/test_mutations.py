@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 
 from daq.formats.columns import read_columns
-from daq.formats.log import read_log
+from daq.formats.log import Log
 from daq.session import write_session
 from dbc.words import InputError
 from tui.cli import run
@@ -45,7 +45,7 @@ Reader = Callable[[Path], str]
 
 def log(path: Path) -> str:
     """Read a log to its end."""
-    found = read_log(path)
+    found = Log([path])
     for batch in found:
         batch.t_ns.sum()
     return "read with losses" if found.loss.any else "read"

@@ -8,9 +8,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from daq.channels import Quantity
 from daq.runs import Excitation, Losses, RunStatus
-from daq.session import Severity, read_session, validate_session
+from daq.session import read_session, validate_session
 from daq.vehicle import BodyWeight, Corner, HubWeight
 from dbc.codec import Quality
+from dbc.words import Severity
 
 V1 = Path(__file__).parent / "session_v1_2026-11.h5"
 

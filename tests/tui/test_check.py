@@ -257,9 +257,9 @@ def test_a_person_is_asked_to_push_each_corner_in_turn(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    from daq.formats.log import read_log
+    from daq.formats.log import Log
 
-    frames = FrameBatch.concatenate(list(read_log(Path(log))))
+    frames = FrameBatch.concatenate(list(Log([Path(log)])))
     clock, opened = [100.0], list[Bus]()
 
     def open_source(_: object, __: int) -> Bus:

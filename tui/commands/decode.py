@@ -44,7 +44,7 @@ def decode(
 
     from daq import InputError
     from daq.bench.config import bench_codec, load_bench
-    from daq.formats.log import read_log
+    from daq.formats.log import Log
     from dbc import counted, load_codec, parse_codec, shipped_dbc
 
     if bench and dbc:
@@ -63,14 +63,14 @@ def decode(
     totals: Counter[str] = Counter()  # frames of the log, and those that no message decodes
     samples: Counter[str] = Counter()  # of each signal
     buses_in_log: set[int] = set()
-    for batch in read_log(log):
+    for batch in Log([log]):
         buses_in_log |= set(batch.on_buses(chosen_buses).bus.tolist())
         if len(buses_in_log) > 1:
             break
     several_buses = len(buses_in_log) > 1
     header = ["time_s", *(["bus"] if several_buses else []), "message", "signal", "value", "unit"]
     writer = csv.writer(sys.stdout, lineterminator="\n")
-    frames = read_log(log)
+    frames = Log([log])
     for batch in frames:
         totals.update(frames=len(batch))
         wanted = batch.on_buses(chosen_buses)

@@ -43,7 +43,7 @@ def import_(
     from daq.bench.channel_map import load_channel_map
     from daq.bench.config import bench_codec, load_bench, with_database
     from daq.files import refuse_existing
-    from daq.formats.log import read_log, read_logs
+    from daq.formats.log import Log, read_logs
     from daq.session.from_frames import numbered, parse_runs, require_mass_states
 
     from ..importing import import_channels, import_logs
@@ -95,7 +95,7 @@ def import_(
             require_mass_states(bench, steps)
             codec = bench_codec(bench)
             say_left_out(codec)
-            sources = [read_log(path) for path in files] if one_run_each else read_logs(files)
+            sources = [Log([path]) for path in files] if one_run_each else read_logs(files)
             for source in sources:  # a log may have further files
                 refuse_existing(out, replace=force, inputs=source.paths)
             imported = import_logs(bench, codec, sources, steps, skip, numbers, one_run_each, stage)

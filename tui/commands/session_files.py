@@ -52,11 +52,13 @@ def validate(
     json: JsonResult = False,
 ) -> int:
     """Check session files: schema, hashes, completeness, plausibility."""
-    import daq.session
+    from importlib.resources import files as files_of
+
     from daq import InputError
+    from daq.session import finding_document, validate_session
 
     if schema:
-        typer.echo((daq.session.__doc__ or "").rstrip())
+        typer.echo((files_of("daq.session") / "schema.txt").read_text("utf-8").rstrip())
         return ExitCode.OK
     if not files:
         raise InputError("validate", "no file is given", "name session files, or say --schema")
@@ -64,7 +66,7 @@ def validate(
     documents: list[dict[str, Any]] = []
     for path in files:
         try:
-            findings = daq.session.validate_session(path)
+            findings = validate_session(path)
         except InputError as error:
             code = report(error)
             documents.append({"file": str(path), "valid": False, "error": error.what})
@@ -72,7 +74,7 @@ def validate(
         valid = all(finding.passed for finding in findings)
         if not valid and code is ExitCode.OK:  # a file that cannot be read weighs more
             code = ExitCode.ANSWER_IS_NO
-        texts = [daq.session.finding_document(finding) for finding in findings]
+        texts = [finding_document(finding) for finding in findings]
         documents.append({"file": str(path), "valid": valid, "findings": texts})
         if not json:
             output.print_line(f"{path}: {'valid' if valid else 'invalid'}")

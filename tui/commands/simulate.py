@@ -114,13 +114,13 @@ def replay(
     """Send recorded frames on a bus, at their own times or faster; error frames are left out."""
     from daq import read_session
     from daq.bus.interfaces import open_buses
-    from daq.formats.log import read_log
+    from daq.formats.log import Log
     from daq.replay import play
     from dbc import counted
 
     described = shared_bench(bench, interface, channel)
     numbers = bus_numbers(described, bus or [])
-    log = None if source.suffix.lower() in (".h5", ".hdf5") else read_log(source)
+    log = None if source.suffix.lower() in (".h5", ".hdf5") else Log([source])
     batches: Iterable[FrameBatch] = log or [read_session(source).frames]
     n_read = sent = 0
 

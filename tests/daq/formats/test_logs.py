@@ -15,7 +15,7 @@ from daq.bench.config import RecorderConfig
 from daq.bus.source import HopLosses
 from daq.formats.columns import read_columns
 from daq.formats.export import ExportFormat, export_session
-from daq.formats.log import BLF, Log, detect, read_log, read_logs
+from daq.formats.log import BLF, Log, detect, read_logs
 from daq.journal.segment import JournalHead
 from daq.journal.writer import JournalWriter
 from dbc import FrameBatch
@@ -113,7 +113,7 @@ CASES: dict[str, tuple[str, Callable[[Path, list[Frame]], None], Callable[[Frame
 
 def read(path: Path) -> tuple[Log, list[Frame]]:
     """Return a log after it was read, and its frames."""
-    log = read_log(path)
+    log = Log([path])
     return log, frames_in(FrameBatch.concatenate(list(log)))
 
 
@@ -271,7 +271,7 @@ def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, case: str) -> Non
     path = tmp_path / f"a{suffix}"
     path.write_bytes(content)
     with pytest.raises(InputError, match=why) as caught:
-        list(read_log(path))
+        list(Log([path]))
     assert "\n" not in str(caught.value)
 
 

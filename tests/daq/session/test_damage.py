@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 
 from daq.runs import RunStatus, SampleGroup
-from daq.session import Severity, read_session, validate_session, write_session
+from daq.session import read_session, validate_session, write_session
 from daq.session.reading import check_session
 from daq.sessions import Session
 from daq.vehicle import AddedMass, MassState
-from dbc.words import InputError
+from dbc.words import InputError, Severity
 from tui.cli import run
 
 from ..small_session import small_session
@@ -231,7 +231,7 @@ def test_what_is_no_session_is_refused(tmp_path: Path, path: Path) -> None:
     for name, what in {
         "absent.h5": "no such file",
         ".": "is a directory",
-        "empty.h5": "is not an HDF5 file",
+        "empty.h5": "is empty",
         "prose.h5": "is not an HDF5 file",
         "cut.h5": "is not an HDF5 file, or is cut off",
         "pipe.h5": "is not a regular file",
