@@ -22,21 +22,7 @@ from textual.screen import ModalScreen, Screen
 from daq import InputError
 from daq.control import messages
 from daq.control.exchange import OrderRefusedError
-from daq.control.messages import (
-    AskBench,
-    Configure,
-    Hello,
-    Live,
-    Mark,
-    Note,
-    Order,
-    Reply,
-    Setup,
-    ShutDown,
-    Status,
-    Stop,
-    differences,
-)
+from daq.control.messages import Live, Order, Reply, Setup, Status
 from daq.files import write_bytes
 from dbc.words import printable
 
@@ -234,7 +220,7 @@ class BenchApp(KeyboardApp):
             return
 
         async def answered(name: str | None) -> None:
-            if name and await self.ask(Hello(name, self.in_control)) is not None:
+            if name and await self.ask(messages.Hello(name, self.in_control)) is not None:
                 self.operator = name
 
         if not self.operator and step is not BenchStep.VEHICLE:
@@ -253,7 +239,7 @@ class BenchApp(KeyboardApp):
         from daq.bench.config import parse_bench
 
         with suppress(OrderRefusedError, InputError):
-            text = (await self.feed.ask(AskBench())).bench_text
+            text = (await self.feed.ask(messages.AskBench())).bench_text
             self.bench = parse_bench(text, "bench.toml", self.folder, dbc_text="")
             self.bench_text = text
             if self.status is not None:
@@ -261,7 +247,8 @@ class BenchApp(KeyboardApp):
 
     def _compare_setup(self, running: Setup) -> None:
         """Ask once whether to attach to a recorder of another setup than the wanted one, if any."""
-        if self._wanted_setup is None or not (texts := differences(running, self._wanted_setup)):
+        wanted = self._wanted_setup
+        if wanted is None or not (texts := messages.differences(running, wanted)):
             return
         self._wanted_setup = None
 
@@ -304,12 +291,12 @@ class BenchApp(KeyboardApp):
         except InputError as error:
             self.warn(str(error))
             return False
-        return text == self.bench_text or await self.ask(Configure(text)) is not None
+        return text == self.bench_text or await self.ask(messages.Configure(text)) is not None
 
     async def finish(self, step: BenchStep) -> bool:
         """Mark a step as done unless it is; return False if the recorder has refused that."""
         is_done = self.status is not None and is_marked(self.status, step)
-        return is_done or await self.ask(Mark(step.mark)) is not None
+        return is_done or await self.ask(messages.Mark(step.mark)) is not None
 
     def store_form(self, name: str, values: Mapping[str, Any]) -> None:
         """Store the values of a form in a file of the recorder's folder, all or nothing."""
@@ -363,7 +350,7 @@ class BenchApp(KeyboardApp):
         """Write a note on the session."""
 
         async def answered(text: str | None) -> None:
-            if text and await self.ask(Note(text)) is not None:
+            if text and await self.ask(messages.Note(text)) is not None:
                 self.inform("the note is in the recording")
 
         question = Question("Note on the session", "what the sensors do not see")
@@ -415,11 +402,11 @@ class BenchApp(KeyboardApp):
         """Yield the commands that have no key of their own, by name, for Ctrl+P."""
 
         async def shut_down() -> None:
-            if await self.ask(ShutDown()) is not None:
+            if await self.ask(messages.ShutDown()) is not None:
                 self.exit()
 
         words = "end this recording and derive its session file"
-        yield SystemCommand("recorder: stop", words, partial(self.ask, Stop()))
+        yield SystemCommand("recorder: stop", words, partial(self.ask, messages.Stop()))
         yield SystemCommand("recorder: shut down", "end recorder and terminal", shut_down)
         if self.display_link is not None:
             words = "how to open the display at the bench"

@@ -48,7 +48,6 @@ class Progress:
     """Progress of a campaign."""
 
     done: frozenset[BenchStep]
-    """Finished steps."""
     due: BenchStep
     """The first step that is not done."""
 
@@ -179,7 +178,6 @@ class NextAction:
     words: str = ""
     """Text for the operator, such as `SPACE starts`; empty if there is no action now."""
     order: Order | None = None
-    """Order to the recorder."""
     step: BenchStep | None = None
     """Step to go to instead of an order."""
 

@@ -43,9 +43,7 @@ class Lost:
     """The recorder does not answer."""
 
     text: str
-    """The failure."""
     advice: str
-    """The remedy."""
     starting: bool = False
     """True if it is being started: nothing needs to be done."""
 
@@ -302,8 +300,6 @@ _WITH_BUMP = (Phase.TRIGGERED, Phase.DECAY, Phase.ACCEPTED, Phase.REJECTED)
 """Phases in which the chart stays at the bump."""
 _LEAST_RANGES = {"m/s2": 0.5, "rad/s": 0.05, "rad/s2": 0.5, "m": 0.002}
 """Smallest range of a lane, by unit, SI: noise at rest stays small in it."""
-_SHOWN_UNITS = {"m": ("mm", 1e3)}
-"""Units that are shown instead of those of SI, and their factors."""
 _SHORT_NAMES = {"hub": "wheel", "suspension": "travel"}
 """Words of lanes whose quantity begins with another word: `pitch_rate` is pitch."""
 
@@ -313,7 +309,6 @@ class LaneSpec:
     """One lane."""
 
     channel: str
-    """Its name in the recording."""
     label: str
     """Short words on the left."""
     unit: str
@@ -360,7 +355,7 @@ def lane_specs(bench: Bench | None, first_group: int, most_lanes: int) -> list[L
 
 def _lane_spec(channel: Channel, chosen: list[Channel]) -> LaneSpec:
     """Return the lane of a channel; names distinguish two sensors at one place."""
-    unit, factor = _SHOWN_UNITS.get(channel.unit, (channel.unit, 1.0))
+    unit, factor = ("mm", 1e3) if channel.unit == "m" else (channel.unit, 1.0)
     first_word = channel.quantity.partition("_")[0]
     short_name = f"{_SHORT_NAMES.get(first_word, first_word)} {channel.corner or ''}".strip()
     at_place = [c for c in chosen if (c.quantity, c.corner) == (channel.quantity, channel.corner)]

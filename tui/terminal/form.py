@@ -36,15 +36,12 @@ class Field:
     high: float = math.inf
     """Limits of a number, which it may equal."""
     reason: str = ""
-    """Reason of the limits."""
     help: str = ""
-    """Help text on what to enter."""
     needed: bool = False
     """True if the field must not stay empty."""
     choices: tuple[str, ...] = ()
     """The values to choose from; empty for free text."""
     whole: bool = False
-    """True for a whole number."""
     max_length: int = 60
     """Largest number of characters of a text."""
 
@@ -198,13 +195,12 @@ class Form(VerticalScroll, can_focus=False):
 
     def fill(self, values: Mapping[str, str]) -> None:
         """Set values of fields; unknown names, and what is no choice, change nothing."""
-        with self.prevent(Input.Changed, Select.Changed, Checkbox.Changed):
-            for name in values.keys() & self._inputs.keys():
-                entry, value = self._inputs[name], values[name]
-                if isinstance(entry, Checkbox):
-                    entry.value = value == YES
-                elif isinstance(entry, Input) or value in self._fields[name].choices:
-                    entry.value = value
+        for name in values.keys() & self._inputs.keys():
+            entry, value = self._inputs[name], values[name]
+            if isinstance(entry, Checkbox):
+                entry.value = value == YES
+            elif isinstance(entry, Input) or value in self._fields[name].choices:
+                entry.value = value
         self._announced = self.values
 
     def mark(self, errors: Sequence[FieldError]) -> FieldError | None:

@@ -103,9 +103,8 @@ class BannerBar(Horizontal):
 
     def __init__(self) -> None:
         super().__init__()
-        self._shown: tuple[Banner, int] | None = None
         # Stored, not queried: a status may come before they are composed.
-        self._words = Static(markup=False)
+        self._words = Words("state-words")
         self._digits = Digits()
 
     def compose(self) -> ComposeResult:
@@ -115,9 +114,6 @@ class BannerBar(Horizontal):
 
     def show(self, banner: Banner) -> None:
         """Show a banner; a long `event` may continue before the `addition`."""
-        if (banner, self.size.width) == self._shown:
-            return
-        self._shown = banner, self.size.width
         self.set_classes(f"-{banner.kind}")
         second_line, third_line = banner.event, banner.addition
         if banner.folds:
@@ -130,7 +126,7 @@ class BannerBar(Horizontal):
         # On the screen's own ground: the banner's colour would drown it.
         next_words = r"SPACE (starts|= [\w ]*\w)"
         words = words.highlight_regex(next_words, style=f"{SPACE_INK} on $background")
-        self._words.update(words)
+        self._words.say(words)
         self._digits.display = bool(banner.digits)
         self._digits.update(banner.digits)
 

@@ -70,11 +70,7 @@ class Signal(Enum):
     LOST = (0.0, 0.2, 0.4, 1.0, 1.2, 1.4)
 
 
-_PHASE_SIGNALS = {
-    Phase.ARMED: Signal.ARMED,
-    Phase.ACCEPTED: Signal.ACCEPTED,
-    Phase.REJECTED: Signal.REJECTED,
-}
+_SIGNALLED_PHASES = (Phase.ARMED, Phase.ACCEPTED, Phase.REJECTED)
 
 
 def signal_of(previous: Status | Lost | None, news: Status | Lost) -> Signal | None:
@@ -86,7 +82,8 @@ def signal_of(previous: Status | Lost | None, news: Status | Lost) -> Signal | N
         return None if news.starting or previous is not None else Signal.LOST
     if not isinstance(previous, Status):
         return None
-    phase_signal = _PHASE_SIGNALS.get(news.phase) if news.phase is not previous.phase else None
+    is_new_phase = news.phase is not previous.phase and news.phase in _SIGNALLED_PHASES
+    phase_signal = Signal[news.phase.name] if is_new_phase else None
     known_alarms = {(alarm.code, alarm.subject) for alarm in previous.alarms}
     has_new_alarm = any(
         (alarm.code, alarm.subject) not in known_alarms

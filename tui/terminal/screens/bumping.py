@@ -13,17 +13,8 @@ from textual.containers import Horizontal, Vertical
 from textual.content import Content
 
 from daq.bench.campaign import sketch
-from daq.control.messages import (
-    Accept,
-    Acknowledge,
-    Choose,
-    Order,
-    Pause,
-    Redo,
-    Reject,
-    Status,
-    Undo,
-)
+from daq.control import messages
+from daq.control.messages import Order, Status
 from daq.runlog import LoggedRun
 from daq.runs import RunStatus
 from dbc.words import printable
@@ -103,10 +94,10 @@ def alarms_text(status: Status, glyphs: Glyphs, width: int) -> Content:
 
 
 _ORDERS: dict[str, tuple[Order, str]] = {
-    "reject": (Reject(), ""),
-    "undo": (Undo(), "undone; R = redo"),
-    "redo": (Redo(), "redone; U = undo"),
-    "lamp off": (Acknowledge(), ""),
+    "reject": (messages.Reject(), ""),
+    "undo": (messages.Undo(), "undone; R = redo"),
+    "redo": (messages.Redo(), "redone; U = undo"),
+    "lamp off": (messages.Acknowledge(), ""),
 }
 """The orders of keys that need nothing else, and what is said when one is carried out."""
 
@@ -250,7 +241,7 @@ class HomeScreen(BenchScreen):
         """Pause, after the run that is being recorded if there is one."""
         status = self.bench_app.status
         is_running = status is not None and status.phase in RUNNING
-        if await self.bench_app.ask(Pause()) is not None and is_running:
+        if await self.bench_app.ask(messages.Pause()) is not None and is_running:
             self.bench_app.inform("pauses after this run")
 
     async def action_more(self) -> None:
@@ -258,7 +249,7 @@ class HomeScreen(BenchScreen):
         status = self.bench_app.status
         if status is not None and status.tallies:
             tally = status.tallies[self.query_one("#tallies", Table).cursor_row]
-            order = Choose(tally.mass_state, tally.excitation)
+            order = messages.Choose(tally.mass_state, tally.excitation)
             if await self.bench_app.ask(order) is not None:
                 self.bench_app.inform(f"next: {tally.mass_state} {tally.excitation.words}")
 
@@ -270,7 +261,7 @@ class HomeScreen(BenchScreen):
 
         async def accept(reason: str | None) -> None:
             if reason:
-                await self.bench_app.ask(Accept(run.label, reason))
+                await self.bench_app.ask(messages.Accept(run.label, reason))
 
         question = f"Take {run.mass_state} {run_words(run)} back although: {'; '.join(run.reasons)}"
         self.app.push_screen(Question(question, "reason"), accept)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
@@ -44,11 +44,6 @@ class CheckRow:
     text: str
     advice: str = ""
     overridden: bool = False
-
-    @property
-    def blocks_campaign(self) -> bool:
-        """True if it keeps a campaign from beginning."""
-        return self.state == FAIL and not self.overridden
 
     @property
     def needs_override(self) -> bool:
@@ -112,7 +107,6 @@ class CheckScreen(BenchScreen):
         super().__init__()
         self._findings: tuple[Finding, ...] = ()  # of the recorder's last check
         self._rows: list[CheckRow] = []  # the lines that are shown
-        self._is_checking = False  # while the answer to a check is awaited
         self._zeroed = False  # once the recorder has checked samples with hands off the car
         self._corner: Corner | None = None  # whose push is awaited
         self._push_begin_bin = 0  # number of the lanes' bin from which that push is looked for
@@ -160,17 +154,11 @@ class CheckScreen(BenchScreen):
             await self._request_check(WINDOW_S)
 
     async def _request_check(self, window_s: float) -> bool:
-        """Request the check of the last seconds; return True if the recorder answered.
-
-        Nothing is requested while an answer is awaited, or without a recorder.
-        """
-        if self._is_checking or self.bench_app.status is None or self.bench_app.lost is not None:
+        """Request the check of the last seconds; return True if a recorder has answered."""
+        app = self.bench_app
+        if app.status is None or app.lost is not None:
             return False
-        self._is_checking = True
-        try:
-            reply = await self.bench_app.ask(AskCheck(window_s))
-        finally:
-            self._is_checking = False
+        reply = await app.ask(AskCheck(window_s))
         if reply is None:
             return False
         self._findings = reply.check
@@ -194,9 +182,9 @@ class CheckScreen(BenchScreen):
         if marked is not None and rows[cursor].subject != marked.subject:
             at_subject = (i for i, row in enumerate(rows) if row.subject == marked.subject)
             cursor = next(at_subject, cursor)
-        failing = {row.subject for row in rows if row.blocks_campaign}
+        failing = {row.subject for row in rows if row.state == FAIL}
         if failing - self._failing:  # only once: then the person moves the mark
-            cursor = next(i for i, row in enumerate(rows) if row.blocks_campaign)
+            cursor = next(i for i, row in enumerate(rows) if row.state == FAIL)
         lines.show(("", "", ""), [self._cells(row) for row in rows], cursor)
         self._failing = failing
         self._explain()
@@ -206,11 +194,10 @@ class CheckScreen(BenchScreen):
         overridden = {o.subject: f"{o.reason} ({o.by})" for o in status.overrides}
         rows = []
         for item in self._findings:
-            row = CheckRow(WORDS[item.severity], item.subject, item.text, item.advice)
-            if row.needs_override and row.subject in overridden:
-                advice = f"overridden: {overridden[row.subject]}"
-                row = replace(row, advice=advice, overridden=True)
-            rows.append(row)
+            state = WORDS[item.severity]
+            is_overridden = state == WARN and item.subject in overridden
+            advice = f"overridden: {overridden[item.subject]}" if is_overridden else item.advice
+            rows.append(CheckRow(state, item.subject, item.text, advice, is_overridden))
         if not self._findings:
             rows.append(CheckRow(WAIT, "sensors", "listening"))
         if shows_push(bench.channels):
@@ -285,7 +272,7 @@ class CheckScreen(BenchScreen):
             return "Hands off the car.", None
         if not self._findings:
             return "Listening to the sensors.", None
-        if blocked := sum(row.blocks_campaign for row in self._rows):
+        if blocked := sum(row.state == FAIL for row in self._rows):
             correct = f"correct {'it' if blocked == 1 else 'them'}"
             return f"{blocked} FAIL: {correct}, then SPACE goes on", None
         if (following := self._next_corner()) is not None:
@@ -344,7 +331,7 @@ class CheckScreen(BenchScreen):
     def action_override(self) -> None:
         """Override the marked warning, with a reason and the operator's name."""
         row = self._marked
-        if row is None or row.state != WARN or row.overridden:
+        if row is None or not row.needs_override:
             self.bench_app.warn("O overrides a line that says WARN: mark one")
             return
         self._ask_reason(row.subject, f"{row.text}. Why is that acceptable here?")

@@ -16,18 +16,8 @@ from daq.control.messages import Accept, Reject, Status
 from daq.runs import RunStatus
 from dbc import counted
 from dbc.words import Finding, printable
-from identify import Identification, Verdict
+from identify import Identification, Verdict, words
 from identify.numbers import half_width
-from identify.words import (
-    HEADLINE,
-    MEANING,
-    ends_text,
-    half_text,
-    parameter_words,
-    survival_lines,
-    unit_text,
-    value_text,
-)
 
 from ...jobs.worker import Outcome
 from ..campaign import BenchStep
@@ -50,7 +40,7 @@ def verdict_lines(outcome: Outcome, glyphs: Glyphs, width: int, most_lines: int)
     quality = outcome.result.quality
     verdict = quality.verdict
     fit = f"   chi2/n {quality.chi2_per_n:.3f}" if isfinite(quality.chi2_per_n) else ""
-    head = f"{symbol(verdict, glyphs)} {verdict.upper()}  {HEADLINE[verdict]}"
+    head = f"{symbol(verdict, glyphs)} {verdict.upper()}  {words.HEADLINE[verdict]}"
     n_used = sum(status == "accepted" for _, status in outcome.runs)
     basis = f"{n_used} of {counted(len(outcome.runs), 'run')} used{fit}"
     one_line = f"{head}   {basis}"
@@ -59,7 +49,9 @@ def verdict_lines(outcome: Outcome, glyphs: Glyphs, width: int, most_lines: int)
     for finding in reasons or quality.findings:
         lines += finding_lines(finding, glyphs, width)
     if not quality.findings:
-        lines += wrap(MEANING[verdict], width - 2, initial_indent="  ", subsequent_indent="  ")
+        lines += wrap(
+            words.MEANING[verdict], width - 2, initial_indent="  ", subsequent_indent="  "
+        )
     if len(lines) > most_lines:
         left_out = counted(len(lines) - most_lines + 1, "more line")
         lines = [*lines[: most_lines - 1], f"  ... {left_out}: Tab to Findings"]
@@ -76,13 +68,13 @@ def finding_lines(finding: Finding, glyphs: Glyphs, width: int) -> list[str]:
 def findings_page(outcome: Outcome, glyphs: Glyphs, width: int) -> list[str]:
     """Return the lines of all findings, of usable parameters, and of overridden warnings."""
     quality = outcome.result.quality
-    lines = [*wrap(MEANING[quality.verdict], width), ""]
+    lines = [*wrap(words.MEANING[quality.verdict], width), ""]
     for finding in quality.findings:
         lines += finding_lines(finding, glyphs, width)
     if not quality.findings:
         lines.append(f"{glyphs.good} nothing was found that speaks against the result")
     overridden = [f"{glyphs.warn} {text}" for text in outcome.overrides] or ["  none"]
-    usable = [f"  {text}" for text in survival_lines(quality)]
+    usable = [f"  {text}" for text in words.survival_lines(quality)]
     for title, texts in (
         ("Which parameters can be used:", usable),
         ("Warnings of the bench check that a person overrode:", overridden),
@@ -98,12 +90,12 @@ def parameter_rows(result: Identification) -> list[list[Cell]]:
     rows: list[list[Cell]] = []
     for name, estimate in result.parameters.items():
         if estimate.determined:
-            value, interval = value_text(estimate), ends_text(estimate)
+            value, interval = words.value_text(estimate), words.ends_text(estimate)
         else:  # `not determined` has room in the column of intervals only
-            value, interval = "", value_text(estimate)
-        title = f"{name:<5}{parameter_words(name)}"[:29]  # for a table of 80 columns
-        numbers = right(interval), right(half_text(estimate))
-        rows.append([title, right(value), unit_text(estimate.unit), *numbers])
+            value, interval = "", words.value_text(estimate)
+        title = f"{name:<5}{words.parameter_words(name)}"[:29]  # for a table of 80 columns
+        numbers = right(interval), right(words.half_text(estimate))
+        rows.append([title, right(value), words.unit_text(estimate.unit), *numbers])
     return rows
 
 
@@ -116,7 +108,7 @@ def mode_rows(result: Identification) -> list[list[Cell]]:
             row: list[Cell] = [printable(state, 12), f"{number} {name}"]
             for estimate in (mode.frequency, mode.damping_ratio):
                 half = half_width(estimate.value, estimate.high) if estimate.determined else ""
-                row += [right(value_text(estimate)), right(half)]
+                row += [right(words.value_text(estimate)), right(half)]
             rows.append(row)
     return rows
 
@@ -189,11 +181,11 @@ class ResultsScreen(SessionScreen):
 
     async def action_next(self) -> None:
         """Go on to the report."""
-        if self.outcome is None or self.outdated:
+        if self.outdated:
             await self.bench_app.go_to(BenchStep.IDENTIFY)
-            return
-        await self.bench_app.finish(self.STEP)
-        await self.bench_app.go_to(BenchStep.REPORT)
+        else:
+            await self.bench_app.finish(self.STEP)
+            await self.bench_app.go_to(BenchStep.REPORT)
 
     async def action_back(self) -> None:
         """Go back to the identify screen."""
@@ -235,10 +227,8 @@ class ResultsScreen(SessionScreen):
 
     def show_status(self, status: Status) -> None:
         """Show what depends on the size of the terminal, and on the recording."""
-        outcome, next_line = self.outcome, self.query_one("#space", Words)
-        if outcome is None:
-            words = "nothing is identified yet: SPACE = step 6 Identify"
-            next_line.say(Content.styled(words, SPACE_INK))
+        outcome = self.outcome
+        if outcome is None:  # `show_outcome` follows as soon as the screen is open
             return
         glyphs, (width, height) = self.bench_app.glyphs, self.app.size
         most_lines = 3 if height < 36 else 8  # the table of parameters needs the others
@@ -248,6 +238,7 @@ class ResultsScreen(SessionScreen):
         verdict.say(Content("\n".join(lines)))
         verdict.set_classes(str(outcome.result.quality.verdict))
         step = BenchStep.IDENTIFY if self.outdated else BenchStep.REPORT
-        next_line.say(Content.styled(f"SPACE = step {step.title}", SPACE_INK))
+        next_words = Content.styled(f"SPACE = step {step.title}", SPACE_INK)
+        self.query_one("#space", Words).say(next_words)
         findings = "\n".join(findings_page(outcome, glyphs, width - 3))
         self.query_one("#findings-text", Words).say(Content(findings))

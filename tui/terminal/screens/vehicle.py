@@ -59,14 +59,6 @@ def _fact_fields(quantity: FactQuantity) -> tuple[Field, Field]:
     )  # fmt: skip
 
 
-def _campaign_field(
-    name: str, label: str, unit: str, why: str, advice: str, *, whole: bool = False
-) -> Field:
-    """Return the field of a number under [campaign] in bench.toml, with the limits it has there."""
-    low, high = campaign_limits(name)
-    return Field(name, label, unit, low, high, why, advice, True, whole=whole)
-
-
 _REPEATS = "number of accepted runs of each kind, without and with the added mass"
 _STRUCTURE = [
     Field(f"flag.{name}", label, choices=(YES, NO), help=advice)
@@ -87,15 +79,16 @@ GROUPS: dict[str, list[tuple[Field, ...]]] = {
     "Bumps": [
         tuple(_BUMPS[:3]),
         tuple(_BUMPS[3:]),
-        (_campaign_field("repeats", "Repeats", "runs", _REPEATS, _REPEATS, whole=True),
-         _campaign_field("bump_height_mm", "Height", "mm",
-                         "less moves nothing, and above 50 mm wheels leave the ground",
-                         "height of board or block, or depth of the push: 50 mm or less")),
+        (Field("repeats", "Repeats", "runs", *campaign_limits("repeats"), _REPEATS, _REPEATS,
+               needed=True, whole=True),
+         Field("bump_height_mm", "Height", "mm", *campaign_limits("bump_height_mm"),
+               "less moves nothing, and above 50 mm wheels leave the ground",
+               "height of board or block, or depth of the push: 50 mm or less", needed=True)),
         (Field("method", "Method", needed=True, choices=tuple(Method),
                help="roll over boards, drop off blocks, or push by hand"),
-         _campaign_field("accept_after_s", "Accept after", "s",
-                         "the operator's time to reject a run",
-                         "the next run arms itself after this")),
+         Field("accept_after_s", "Accept after", "s", *campaign_limits("accept_after_s"),
+               "the operator's time to reject a run", "the next run arms itself after this",
+               needed=True)),
     ],
 }  # fmt: skip
 _FIELDS = {field.name: field for rows in GROUPS.values() for row in rows for field in row}

@@ -81,11 +81,11 @@ class WorkScreen(SessionScreen):
         else:
             await self.bench_app.open("home")
 
-    def begin(self, stage: Stage, session: str) -> None:
-        """Begin a stage on a session file; what earlier work has shown is forgotten."""
+    def begin(self, stage: Stage, session: str, *begun_parts: str) -> None:
+        """Begin a stage on a session file; these parts replace what earlier work has shown."""
         self.stage, self.session, self._failure = stage, session, None
         self._begun_s, self._progress = monotonic(), 0.0
-        self._begun_parts = {stage.value: None} if stage is Stage.BUILDING else {}
+        self._begun_parts = dict.fromkeys(begun_parts)
         self._show()
 
     def fail(self, error: BumpbenchError) -> None:
@@ -212,7 +212,7 @@ class IdentifyScreen(WorkScreen):
         if reply is not None and reply.status is not None:
             self.workers.cancel_node(self)
             self._ordered_ns = reply.status.wall_ns
-            self.begin(Stage.BUILDING, self.session)
+            self.begin(Stage.BUILDING, self.session, Stage.BUILDING)
 
     def show_status(self, status: Status) -> None:
         """Follow the recorder while it builds; identify the file once it is built."""
@@ -220,8 +220,7 @@ class IdentifyScreen(WorkScreen):
         if self.stage is Stage.BUILDING and status.wall_ns >= self._ordered_ns:
             session = status.session
             if session.state is SessionState.READY:
-                self.begin(Stage.WORKING, session.path)
-                self._begun_parts = {Stage.BUILDING.value: None}
+                self.begin(Stage.WORKING, session.path, Stage.BUILDING)
                 self._identify(session.path)
             elif session.state is SessionState.FAILED:
                 where, what = session.path or status.folder, session.text or "no session file"
