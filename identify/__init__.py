@@ -6,7 +6,7 @@ from .decays.usable import usable_session
 from .fit.uncertainty import Estimate
 from .model.matrices import PhysicalModel
 from .model.matrices import physical_model as state_space
-from .modes.modal_model import ModalModel, Mode, mac, mode_names
+from .modes.modal_model import ModalModel, mac, mode_names
 from .modes.mode_selection import identify_modes
 from .modes.state_variable_method import (
     StabilisationDiagram,
@@ -23,7 +23,6 @@ __all__ = [
     "Identification",
     "Judgement",
     "ModalModel",
-    "Mode",
     "PhysicalModel",
     "Severity",
     "StabilisationDiagram",

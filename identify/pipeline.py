@@ -154,7 +154,6 @@ def identify_parameters(
         pairings={name: pair_modes(modal[first], modal[name]) for name in others},
         physical=physical,
         noise=estimation.sigma,
-        residuals=estimation.residuals,
         estimation=estimation,
         forces=forces,
     )

@@ -21,7 +21,6 @@ import dbc
 from daq.vehicle import VehicleGeometry
 
 from .fit.estimation import Estimation
-from .fit.likelihood import Residuals
 from .fit.uncertainty import LARGEST_SHARE, Correlation, Estimate, ModeEstimate
 from .model.matrices import PhysicalModel
 from .modes.modal_model import ModalModel, Pairing
@@ -102,8 +101,6 @@ class Identification:
     """M, C and K of the identified vehicle by mass state."""
     noise: Mapping[str, float] = field(default_factory=dict)
     """Standard deviation of the noise by channel, SI."""
-    residuals: tuple[Residuals, ...] = ()
-    """Measured less fitted, one for each run."""
     forces: Forces | None = None
     """Damper curves, friction and the other elements of a car that is not linear, and which were
     tried; None where the linear model explains the decays."""

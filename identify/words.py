@@ -102,11 +102,6 @@ def half_text(e: Estimate) -> str:
     return half_width_percent(e.value, e.low, e.high) if e.determined else ""
 
 
-def half_percent(e: Estimate) -> float:
-    """Return half of the interval, % of the value, which must not be zero."""
-    return (e.high - e.low) / 2.0 / abs(e.value) * 100.0
-
-
 def plus_minus_text(e: Estimate) -> str:
     """Write a value and half of its interval."""
     if not e.determined:

@@ -28,26 +28,6 @@ decays grow by less, and a pair that grows faster follows a drift of the record.
 
 
 @dataclass(frozen=True, slots=True)
-class Mode:
-    """One mode of vibration."""
-
-    pole: complex
-    """Eigenvalue lambda, rad/s."""
-    shape: NDArray[np.complex128]
-    """Its entry in each channel, shape (n_channels,); the scale is arbitrary."""
-
-    @property
-    def frequency_hz(self) -> float:
-        """Undamped natural frequency, Hz."""
-        return float(abs(self.pole) / (2.0 * np.pi))
-
-    @property
-    def damping_ratio(self) -> float:
-        """Share of critical damping, 1 = critical."""
-        return float(-self.pole.real / abs(self.pole))
-
-
-@dataclass(frozen=True, slots=True)
 class ModalModel:
     """The modes of a structure, in order of frequency.
 
@@ -85,14 +65,6 @@ class ModalModel:
 
     def __len__(self) -> int:
         return len(self.poles)
-
-    @property
-    def modes(self) -> tuple[Mode, ...]:
-        """The modes one by one."""
-        return tuple(
-            Mode(complex(pole), shape)
-            for pole, shape in zip(self.poles, self.shapes.T, strict=True)
-        )
 
     @property
     def frequencies_hz(self) -> NDArray[np.float64]:

@@ -87,8 +87,6 @@ class Runs:
     """Kind of bump."""
     repeats: int = 1
     """Number of repeats."""
-    height_m: float | None = None
-    """Height of their bump, m; None: that of the plan."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,17 +138,12 @@ class Plan:
             runs = f"runs in the mass state {min(undescribed)}, which is not described"
             raise InputError("plan", runs, "describe its weights")
         for words, value in (
-            *((f"a bump of {h_m * 1e3:g} mm", h_m) for h_m in map(self.height_m, self.runs)),
             (f"a bump of {self.bump.height_m * 1e3:g} mm", self.bump.height_m),
             (f"a bump of {self.bump.duration_s:g} s", self.bump.duration_s),
             (f"a free decay of {self.decay_s:g} s", self.decay_s),
         ):
             if not 0.0 < value < np.inf:
                 raise InputError("plan", words, "give a size above 0")
-
-    def height_m(self, runs: Runs) -> float:
-        """Return the height of the bump of some runs, m."""
-        return self.bump.height_m if runs.height_m is None else runs.height_m
 
 
 # Possible next steps, in the operator's words -----------------------------------------------------
@@ -332,9 +325,10 @@ def campaigns(plan: Plan) -> tuple[Candidate, ...]:
         return ()
 
     def once(*states: MassState) -> Plan:
-        """Return the plan with one run of each kind in some mass states."""
-        runs = (Runs(state.name, kind, 1, HIGHEST_BUMP_M) for state in states for kind in kinds)
-        return replace(plan, mass_states=states, runs=tuple(runs))
+        """Return the plan with one run of each kind over the highest bump in some mass states."""
+        runs = tuple(Runs(state.name, kind) for state in states for kind in kinds)
+        bump = replace(plan.bump, height_m=HIGHEST_BUMP_M)
+        return replace(plan, mass_states=states, runs=runs, bump=bump)
 
     names = ", ".join(kind.words for kind in kinds)
     known = {fact.quantity for fact in plan.facts}

@@ -9,7 +9,7 @@ bump's height, so each kind of run is computed once, for a bump of 1 m.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -74,7 +74,7 @@ class KnownRuns:
                 decay = _planned_decay(plan, state, runs.excitation, rates, point, eta)
                 ((block, _),) = blocks_of(points, [decay], batches_of([decay]))
                 self._known[key] = block.information
-            total = total + plan.height_m(runs) ** 2 * runs.repeats * self._known[key]
+            total = total + plan.bump.height_m**2 * runs.repeats * self._known[key]
         return Fisher(box, eta, total)
 
 
@@ -220,9 +220,6 @@ def _reasons(fisher: Fisher, H: NDArray[np.float64], undetermined: list[str]) ->
 
 # The planner's answers: the expected intervals of a plan, and the best next steps -----------------
 
-Progress = Callable[[float, str], None]
-"""Receives the share of the work that is done, 0..1, and the next step."""
-
 
 @dataclass(frozen=True, slots=True)
 class NextStep:
@@ -246,26 +243,13 @@ class Advice:
     """Steps that together determine what the plan leaves undetermined; empty if nothing is."""
 
 
-def outlook(plan: Plan) -> Outlook:
-    """Return the expected interval of every parameter of a plan."""
-    return expected(KnownRuns().fisher(plan))
-
-
-def advise(
-    plan: Plan, progress: Progress = lambda *_: None, known: KnownRuns | None = None
-) -> Advice:
+def advise(plan: Plan, known: KnownRuns) -> Advice:
     """Return the expected intervals of a plan, and the steps that would improve them most.
 
     Steps that determine more come first; among equal ones, that with the smallest product of worst
-    and mean interval.
-
-    `plan`: the campaign.  `progress`: receives the share of the work that is done, 0..1, and the
-    next step.  `known`: keeps computed runs for several questions.
+    and mean interval.  `known`: keeps computed runs for several questions.
     """
-    known = known or KnownRuns()
-    progress(0.0, "driving over the bumps")
     now = expected(known.fisher(plan))
-    progress(0.6, "next steps")
     ranked = _ranked(plan, known)
     steps = tuple(NextStep(step.action, after) for step, after in ranked if _helps(after, now))
     # The best step, and the best after it, until everything is determined.
@@ -282,19 +266,9 @@ def advise(
     return Advice(now, steps[:12], tuple(remedies))
 
 
-def compare_campaigns(
-    plan: Plan, progress: Progress = lambda *_: None, known: KnownRuns | None = None
-) -> tuple[NextStep, ...]:
-    """Return whole campaigns that could be held instead of a plan, the shortest first.
-
-    Parameters are those of `advise`.
-    """
-    known, others, steps = known or KnownRuns(), campaigns(plan), []
-    progress(0.0, "other campaigns")
-    for i, other in enumerate(others):
-        progress(0.7 + 0.3 * i / len(others), other.action)
-        steps.append(NextStep(other.action, expected(known.fisher(other.plan))))
-    return tuple(steps)
+def compare_campaigns(plan: Plan, known: KnownRuns) -> tuple[NextStep, ...]:
+    """Return whole campaigns that could be held instead of a plan, the shortest first."""
+    return tuple(NextStep(c.action, expected(known.fisher(c.plan))) for c in campaigns(plan))
 
 
 def _ranked(plan: Plan, known: KnownRuns) -> list[tuple[Candidate, Outlook]]:

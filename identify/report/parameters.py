@@ -26,7 +26,6 @@ from ..words import (
     damper_columns,
     damper_rows,
     element_answer,
-    half_percent,
     half_text,
     parameter_words,
     plain,
@@ -138,7 +137,7 @@ def intervals_picture(result: Identification) -> Picture:
     draw = partial(
         _draw_intervals,
         tuple(known),
-        np.array([half_percent(e) for e in known.values()]),
+        np.array([(e.high - e.low) / 2.0 / abs(e.value) * 100.0 for e in known.values()]),
         tuple(plain(kind) for kind in order),
         np.array([[row.get(kind, 0.0) for kind in order] for row in shares]),
     )

@@ -27,7 +27,7 @@ from dbc.words import InputError
 from identify.model.matrices import matrices, physical_model, state_matrix
 from identify.model.response import Bump, exact_response
 from identify.plan.design import Plan, Runs, Sensor, candidates, sensor
-from identify.plan.outlook import advise, outlook
+from identify.plan.outlook import KnownRuns, Outlook, advise, expected
 
 TRUTH = FORD_GRANADA.to_array()
 PAPER_MASS = np.diag([130.0, 250.0, 40.0, 4.0, 4.0, 5.0, 5.0])
@@ -75,6 +75,10 @@ def _paper_plan(rate_hz: float = 200.0, cases: tuple[Excitation, ...] = CASES) -
 def _bench_plan(channels: tuple[Channel, ...] = IMU_HUBS, facts: tuple[Fact, ...] = TAPE) -> Plan:
     sensors = tuple(sensor(channel, 200.0) for channel in channels)
     return Plan(TRUTH, sensors, STATES, _runs(), decay_s=2.7, facts=facts)
+
+
+def outlook(plan: Plan) -> Outlook:
+    return expected(KnownRuns().fisher(plan))
 
 
 def _percent(plan: Plan) -> NDArray[np.float64]:
@@ -174,7 +178,7 @@ def test_weights_of_uncertain_mass_and_sensors_of_uncertain_place_cost() -> None
 
 def test_bounce_and_pitch_leave_the_roll_undetermined() -> None:
     plan = replace(_bench_plan(facts=()), runs=_runs(CASES[:2]))
-    advice = advise(plan)
+    advice = advise(plan, KnownRuns())
     now = advice.outlook
     assert set(now.undetermined) == {"I_xx", "t_f", "t_r"}
     assert now.open_directions == 3
@@ -189,21 +193,23 @@ def test_bounce_and_pitch_leave_the_roll_undetermined() -> None:
 
 def test_without_added_mass_and_scales_there_is_no_scale() -> None:
     plan = replace(_bench_plan(), runs=_runs(states=(BASELINE,)))
-    advice = advise(plan)
+    advice = advise(plan, KnownRuns())
     assert set(advice.outlook.undetermined) == set(outlook(plan).parameters) - {*"ab", "t_f", "t_r"}
     assert advice.outlook.open_directions == 1
     assert "scale" in advice.outlook.reasons[0]
     (remedy,) = advice.remedies
     assert "weigh" in remedy or ADDED in remedy
     unloaded = replace(plan, mass_states=(MassState(BASELINE),))
-    actions = [step.action for step in advise(unloaded).steps if not step.outlook.undetermined]
+    actions = [
+        step.action for step in advise(unloaded, KnownRuns()).steps if not step.outlook.undetermined
+    ]
     assert any("on every hub" in action for action in actions)
     assert "weigh the vehicle to 1 kg" in actions
 
 
 def test_steps_are_what_their_plans_will_show_sorted_and_few() -> None:
     plan = replace(_bench_plan(facts=()), bump=Bump(0.02))
-    advice = advise(plan)
+    advice = advise(plan, KnownRuns())
     assert 6 <= len(advice.steps) <= 12
     worth = [step.outlook.worst * step.outlook.mean for step in advice.steps]
     assert worth == sorted(worth)

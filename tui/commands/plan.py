@@ -62,8 +62,10 @@ def plan(
         height_m = described.campaign.bump_height_m if bump_mm is None else bump_mm * 1e-3
         campaign = planned(described, vehicle, rate, height_m)
         runs = KnownRuns()  # their information is computed once for both
-        advice = advise(campaign, lambda done, text: stage(0.2 + 0.5 * done, text), runs)
-        others = compare_campaigns(campaign, lambda done, text: stage(0.7 + 0.3 * done, text), runs)
+        stage(0.2, "driving over the bumps, and next steps")
+        advice = advise(campaign, runs)
+        stage(0.7, "other campaigns")
+        others = compare_campaigns(campaign, runs)
     outlook = advice.outlook
     code = ExitCode.ANSWER_IS_NO if outlook.undetermined else ExitCode.OK
     if not json:

@@ -114,7 +114,7 @@ def _result_without_residuals(path: str) -> Identification:
         return result
     without_values = tuple(replace(run, values={}) for run in result.estimation.residuals)
     estimation = replace(result.estimation, residuals=without_values)
-    return replace(result, estimation=estimation, residuals=())
+    return replace(result, estimation=estimation)
 
 
 def labels_of(paths: Sequence[Path]) -> list[str]:

@@ -54,7 +54,7 @@ def identify_session(path: str, stage: Stage) -> Outcome:
     stage(0.05, "reading")
     session = read_session(path)
     result = identify(session, stage, stop=_answer_requested.is_set)
-    result = replace(result, estimation=None, residuals=())
+    result = replace(result, estimation=None)
     runs = tuple((run.label, str(run.status)) for run in usable_session(session).runs)
     return Outcome(path, result, overrides_of(session.provenance), runs)
 

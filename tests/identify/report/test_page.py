@@ -300,16 +300,17 @@ def test_decays_show_every_run_as_measured_and_fitted() -> None:
     result = made("linear")[1]
     figure = plots.decays(result)
     texts = _texts(figure)
-    assert all(residual.label in texts for residual in result.residuals)
     assert result.estimation is not None
+    residuals = result.estimation.residuals
+    assert all(residual.label in texts for residual in residuals)
     decay = result.estimation.decays[0]
     recording = decay.recordings[0]
     names = [c.name for c in recording.group.channels]
     panels = [axes for part in figure.subfigs for axes in part.axes if axes.texts]
     axes = next(a for a in panels if a.texts[0].get_text().partition(",")[0] in names)
     channel = axes.texts[0].get_text().partition(",")[0]
-    fitted = recording.values[:, names.index(channel)] - result.residuals[0].values[channel]
-    assert result.residuals[0].label == decay.label
+    fitted = recording.values[:, names.index(channel)] - residuals[0].values[channel]
+    assert residuals[0].label == decay.label
     drawn = np.asarray(axes.get_lines()[1].get_ydata(), dtype=np.float64)
     assert np.isin(np.round(drawn, 9), np.round(fitted, 9)).all()
 
