@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Annotated
 
 from pydantic import AfterValidator, Field
+
+from dbc.words import InputError
 
 from ..bumps import BUMPS
 from ..runs import ADDED, BASELINE, Excitation, run_label
@@ -26,6 +29,24 @@ class Step:
     def label(self) -> str:
         """`baseline_bounce_1` and the like."""
         return run_label(self.mass_state, self.excitation, self.repeat)
+
+
+def numbered(labels: Iterable[Sequence[str]]) -> tuple[Step, ...]:
+    """Return steps for pairs of mass state and excitation, with repeats counted in their order.
+
+    Raises InputError if an entry is no pair, or has no known excitation.
+    """
+    steps: list[Step] = []
+    repeats: Counter[tuple[str, str]] = Counter()
+    for label in labels:
+        if len(label) != 2 or label[1] not in set(Excitation):
+            kinds = ", ".join(Excitation)
+            what = f"{':'.join(label)!r} is not a run"
+            raise InputError("runs", what, f"write MASS_STATE:EXCITATION, one of {kinds}")
+        state, kind = label[0], Excitation(label[1])
+        repeats[state, kind] += 1
+        steps.append(Step(state, kind, repeats[state, kind]))
+    return tuple(steps)
 
 
 class Method(StrEnum):

@@ -6,7 +6,6 @@ A channel map is a bench.toml without buses and messages.  `signal` of a channel
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -15,7 +14,7 @@ from pydantic import AfterValidator, Field, TypeAdapter, model_validator
 
 from ..channels import Channel
 from ..runs import Excitation
-from .campaign import Step
+from .campaign import Step, numbered
 from .config import DescribedCar, check_car, checked_channel
 from .toml_file import Table, toml_tables, toml_text, validated
 
@@ -105,13 +104,9 @@ class ChannelMap(DescribedCar):
     @property
     def runs(self) -> tuple[tuple[Step, float, float], ...]:
         """Step, start and stop of each given run, s in the file's time."""
-        repeats: Counter[tuple[str, str]] = Counter()  # of each mass state and excitation
-        runs = []
-        for run in self.given_runs:
-            repeats[run.mass_state, run.excitation] += 1
-            step = Step(run.mass_state, run.excitation, repeats[run.mass_state, run.excitation])
-            runs.append((step, run.start_s, run.stop_s))
-        return tuple(runs)
+        steps = numbered((run.mass_state, run.excitation) for run in self.given_runs)
+        times_s = ((run.start_s, run.stop_s) for run in self.given_runs)
+        return tuple((step, *span_s) for step, span_s in zip(steps, times_s, strict=True))
 
 
 def load_channel_map(path: Path) -> ChannelMap:

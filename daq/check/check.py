@@ -23,7 +23,7 @@ from dbc.words import Finding, Severity, counted, plural, printable
 
 from ..bench.config import Bench
 from ..bench.sensors import SampleSet
-from ..channels import ON_BODY, Channel, Quantity
+from ..channels import ON_BODY, Quantity
 from ..runs import SampleGroup
 from ..samples.converter import is_fine, is_stuck
 from ..samples.mapping import (
@@ -155,7 +155,13 @@ def check_channel(
     number of days gives a warning.
     """
     channel, subject = mapped.channel, f"channel {mapped.channel.name}"
-    faults = list(_calibration_faults(channel, calibration_days, today))
+    faults: list[Fault] = []
+    age = (today - date.fromisoformat(channel.calibrated)).days if channel.calibrated else 0
+    if age > calibration_days:
+        device = f" (serial number {channel.serial_number})" if channel.serial_number else ""
+        text = f"calibrated on {channel.calibrated}, {counted(age, 'day')} ago{device}"
+        advice = f"have it calibrated; the limit is {counted(calibration_days, 'day')}"
+        faults.append(("calibration", WARN, text, advice))
     samples = decoded.samples.get(channel.signal)
     if samples is None or not len(samples.t_ns):
         severity = WARN if channel.quantity is Quantity.UNUSED else FAIL
@@ -217,16 +223,6 @@ def _rest(value: NDArray[np.float64], t_ns: NDArray[np.int64]) -> _Rest:
     means = np.add.reduceat(value, block_starts) / block_sizes
     low, high = np.quantile(means, [0.05, 0.95])
     return _Rest(float(np.median(value)), noise, float(high - low))
-
-
-def _calibration_faults(channel: Channel, days: int, today: date) -> Iterator[Fault]:
-    """Yield a warning if a channel was calibrated more than a number of days ago."""
-    age = (today - date.fromisoformat(channel.calibrated)).days if channel.calibrated else 0
-    device = f" (serial number {channel.serial_number})" if channel.serial_number else ""
-    if age > days:
-        text = f"calibrated on {channel.calibrated}, {counted(age, 'day')} ago{device}"
-        advice = f"have it calibrated; the limit is {counted(days, 'day')}"
-        yield "calibration", WARN, text, advice
 
 
 def _validity_faults(

@@ -62,11 +62,6 @@ class Arrivals:
         return (len(self.frames) - 1) / span_s if span_s > 0 else 0.0
 
     @property
-    def usual_length(self) -> int:
-        """The most frequent number of bytes."""
-        return int(np.argmax(np.bincount(self.frames.length)))
-
-    @property
     def jitter_s(self) -> float:
         """Largest deviation of 99 of 100 intervals from the usual one, s; 0 for one interval."""
         if len(self.frames) < 3:
@@ -87,7 +82,6 @@ class FrameTable:
     unknown: tuple[Arrivals, ...]
     """Identifiers that are not in the DBC, the most frequent first."""
     data: FrameBatch
-    """All data frames."""
     end_ns: int
     """Time of the last frame of any kind, ns."""
     seconds: float

@@ -87,7 +87,6 @@ class Guess:
 
     quantity: Quantity
     why: str
-    """Reasons for the guess."""
     corner: Corner | None = None
     sign: int = 1
     """-1 if gravity shows that the sensor is upside down, or pushes that it is turned."""

@@ -10,6 +10,7 @@ import json
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib.resources import files
 from pathlib import PurePath
 from typing import NamedTuple
 
@@ -36,9 +37,8 @@ class Proposal:
     """A bench.toml, and the questions to its user."""
 
     text: str
-    """TOML with comments."""
     questions: tuple[str, ...]
-    """The questions, one line each."""
+    """One line each."""
 
 
 def propose_sensors(
@@ -132,9 +132,7 @@ class FoundSensor(NamedTuple):
     """A device that a database describes."""
 
     sensor: Sensor
-    """Name, database, bus and identifiers of the device."""
     why: str
-    """The reasons for the proposal."""
     surely: bool
     """False if the user should be asked."""
 
@@ -187,9 +185,10 @@ def _offsets(
         if key in claimed or len(arrivals.frames) < 10:
             continue
         bus, can_id, is_extended = key
+        usual_length = int(np.argmax(np.bincount(arrivals.frames.length)))
         for m in messages:
             offset = can_id - m.can_id
-            same_form = (is_extended, arrivals.usual_length) == (m.is_extended, m.length)
+            same_form = (is_extended, usual_length) == (m.is_extended, m.length)
             if not same_form or not 0 < abs(offset) <= 0x7F:  # the number of CANopen nodes
                 continue
             stated_hz = 1 / m.cycle_s if m.cycle_s else None
@@ -215,8 +214,8 @@ def _named(present: Sequence[FoundSensor]) -> list[FoundSensor]:
             p.sensor.id_offset,
         ),
     )
-    files = [PurePath(each.sensor.database.removeprefix(PREFIX)) for each in devices]
-    stems = [plain_name(file.stem.lower(), "sensor")[:24] for file in files]
+    paths = [PurePath(each.sensor.database.removeprefix(PREFIX)) for each in devices]
+    stems = [plain_name(path.stem.lower(), "sensor")[:24] for path in paths]
     numbers: Counter[str] = Counter()
     named = []
     for each, stem in zip(devices, stems, strict=True):
@@ -261,40 +260,9 @@ def _head(
             *([f"id_offset = {sensor.id_offset}"] if sensor.id_offset else []),
             f"bus = {sensor.bus_position}  {'# ' if surely else ASK}{printable(why, 200)}",
         ]
-    return [*lines, *_TABLES_TO_FILL]
-
-
-_TABLES_TO_FILL = """
-[vehicle]
-name = "vehicle"  # FILL IN
-
-[campaign]
-excitations = ["bounce", "pitch", "roll"]  # also "rear_pitch", "warp"
-repeats = 2
-method = "roll_over"  # or "drop", "push"
-bump_height_mm = 40.0
-
-[trigger]
-level = 3.0  # m/s2 from rest, on any hub
-post_s = 2.5  # until the motion has decayed
-
-# The known weights of the state "added": a table for each, on the floor or on a hub.
-# [[weight]]  # FILL IN
-# mass_kg = 32.5
-# x_m = 0.14  # from the middle of the front axle, forward positive
-# y_m = 0.55  # left positive
-# position_sigma_m = 0.005  # how well you measured its place
-
-# [[weight]]  # FILL IN
-# mass_kg = 4.0
-# hub = "FL"
-
-# With scales under the wheels there need not be any.
-# [[fact]]
-# quantity = "total_mass_kg"
-# value = 1551.8
-# sigma = 1.0""".splitlines()
-"""Tables on vehicle, campaign, trigger and weights, for the user to fill in."""
+    # On vehicle, campaign, trigger and weights, for the user to fill in.
+    tables_to_fill = (files(__package__) / "tables_to_fill.toml").read_text("utf-8")
+    return [*lines, "", *tables_to_fill.splitlines()]
 
 
 def _unused_name(full: str, sensor: str, used_names: Collection[str]) -> str:

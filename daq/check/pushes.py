@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..channels import Channel, Quantity
+from ..samples.mapping import Trace
 from ..vehicle import Corner
 
 ORDER = (Corner.FRONT_LEFT, Corner.FRONT_RIGHT, Corner.REAR_LEFT, Corner.REAR_RIGHT)
@@ -284,9 +285,6 @@ _QUIET_S = 0.5
 _SHORTEST_PUSH_S = 0.15
 _REST_S = 0.5
 """Rest at the beginning, from which level and noise are taken, s."""
-
-Trace = tuple[NDArray[np.int64], NDArray[np.float64]]
-"""Times, ns, and values of a signal, each of shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import uuid
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -20,11 +19,11 @@ from dbc import Codec
 from dbc.frames import FrameBatch
 from dbc.words import BumpbenchError, InputError
 
-from ..bench.campaign import Step
+from ..bench.campaign import Step, numbered
 from ..bench.config import Bench, DescribedCar, bench_codec, parse_bench
 from ..bus.source import HopLosses
 from ..journal.reader import HopCounts
-from ..runs import Event, Excitation, Run, RunStatus
+from ..runs import Event, Run, RunStatus
 from ..samples import trigger
 from ..samples.mapping import bench_mapping, mapped_block
 from ..samples.trigger import UNPLANNED
@@ -119,24 +118,6 @@ def parse_runs(text: str) -> tuple[Step, ...]:
     Repeats are counted in its order.  Raises InputError if an entry is no such pair.
     """
     return numbered(item.strip().split(":") for item in text.split(","))
-
-
-def numbered(labels: Iterable[Sequence[str]]) -> tuple[Step, ...]:
-    """Return steps for pairs of mass state and excitation, with repeats counted in their order.
-
-    Raises InputError if an entry is no pair, or has no known excitation.
-    """
-    steps: list[Step] = []
-    repeats: Counter[tuple[str, str]] = Counter()
-    for label in labels:
-        if len(label) != 2 or label[1] not in set(Excitation):
-            kinds = ", ".join(Excitation)
-            what = f"{':'.join(label)!r} is not a run"
-            raise InputError("runs", what, f"write MASS_STATE:EXCITATION, one of {kinds}")
-        state, kind = label[0], Excitation(label[1])
-        repeats[state, kind] += 1
-        steps.append(Step(state, kind, repeats[state, kind]))
-    return tuple(steps)
 
 
 def require_mass_states(bench: DescribedCar, steps: Iterable[Step | Run]) -> None:

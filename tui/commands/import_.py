@@ -40,11 +40,12 @@ def import_(
     decoded.
     """
     from daq import InputError, write_session
+    from daq.bench.campaign import numbered
     from daq.bench.channel_map import load_channel_map
     from daq.bench.config import bench_codec, load_bench, with_database
     from daq.files import refuse_existing
     from daq.formats.log import Log, read_logs
-    from daq.session.from_frames import numbered, parse_runs, require_mass_states
+    from daq.session.from_frames import parse_runs, require_mass_states
 
     from ..importing import import_channels, import_logs
 

@@ -17,7 +17,8 @@ from daq.channels import Quantity
 from daq.check.frame_checks import Arrivals
 from daq.check.guess import Candidate, Guess, candidate, guess_channels
 from daq.check.propose import find_sensors, message_rule, propose_sensors
-from daq.check.pushes import Pushes, Trace
+from daq.check.pushes import Pushes
+from daq.samples.mapping import Trace
 from daq.vehicle import Corner
 from dbc import FrameBatch, parse_codec
 from dbc.codec import CRC_RULES, DecodeCounts, Decoded, MessageLayout, Samples, SignalLayout

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from daq.bench.campaign import Step
+from daq.bench.campaign import Step, numbered
 from daq.bench.channel_map import ChannelMap, load_channel_map
 from daq.bench.config import Bench, bench_codec, parse_bench
 from daq.bench.sensors import stored_databases
@@ -30,7 +30,6 @@ from daq.session.from_frames import (
     Intake,
     LogPart,
     labelled,
-    numbered,
     parse_runs,
     redecoded,
     require_mass_states,
