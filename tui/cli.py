@@ -33,7 +33,7 @@ from .commands.session_files import export, inspect, redecode, validate
 from .commands.simulate import replay, simulate
 from .commands.study import study
 from .commands.tui import tui
-from .output import ExitCode, report, report_usage, say, software
+from .output import ExitCode, report, say, software
 
 GROUPS: dict[str, tuple[Callable[..., object], ...]] = {
     "To begin with": (demo, simulate, notebook),
@@ -73,14 +73,12 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-_Version = Annotated[
-    bool,
-    typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version."),
-]
-
-
 @app.callback()
-def _bumpbench(_version: _Version = False) -> None:
+def _bumpbench(
+    _version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print it.")
+    ] = False,
+) -> None:
     """Bump tests over CAN: every physical parameter of a 7-DOF vehicle, with intervals."""
 
 
@@ -126,7 +124,9 @@ def run(arguments: list[str], commands: typer.Typer = app) -> int:
             sys.stdout.write(f"{message}\n")
             return ExitCode.OK
         context = getattr(error, "ctx", None)
-        return report_usage(message, context.command_path if context else "bumpbench")
+        command = context.command_path if context else "bumpbench"
+        say(f"error: {' '.join(message.split())} ({command} --help lists what there is)")
+        return ExitCode.BAD_INPUT
     except (KeyboardInterrupt, typer.Abort):
         return ExitCode.INTERRUPTED
     except (BrokenPipeError, SystemExit) as error:  # the parser turns the first into the second

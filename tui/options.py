@@ -18,40 +18,29 @@ if TYPE_CHECKING:
 LOG_FORMATS = "BLF, ASC, TRC, MF4, candump, CSV of python-can, or a journal"
 
 Buses = Annotated[
-    list[str] | None,
-    Option("--bus", metavar="BUS", help="Only this bus: name, channel or number; repeatable."),
+    list[str] | None, Option("--bus", metavar="BUS", help="Only these: name, channel or number.")
 ]
 
 DisplayAt = Annotated[
-    str | None,
-    Option("--display", "--host", metavar="ADDRESS", help="Serve a display: here, lan or an IP."),
+    str | None, Option("--display", "--host", metavar="ADDRESS", help="Serve it: here, lan, IP.")
 ]
 DisplayControl = Annotated[
-    bool, Option("--control", "--display-control", help="Let the display start, reject and pause.")
+    bool, Option("--control", "--display-control", help="Let it give orders.")
 ]
-Page = Annotated[
-    Path | None, Option("--page", "--out", metavar="FILE", help="Page to write (*.html).")
-]
+Page = Annotated[Path | None, Option("--page", "--out", metavar="FILE", help="Page (*.html).")]
 Force = Annotated[bool, Option("--force", help="Replace existing files without a question.")]
-"""The explicit word of `daq.files.refuse_existing`."""
 
 BenchFile = Annotated[Path | None, Argument(help="bench.toml; default: the shipped bench.")]
 RecorderFolder = Annotated[Path, Argument(help="The recorder's folder.")]
 SessionFile = Annotated[Path, Argument(help="Session file (HDF5).")]
 
-Interface = Annotated[
-    str | None, Option(metavar="NAME", help="python-can interface; default: that of bench.toml.")
-]
-InterfaceChannel = Annotated[
-    str | None, Option(metavar="CHANNEL", help="Its channel; default: that of bench.toml.")
-]
+Interface = Annotated[str | None, Option(help="Of python-can; default: bench.toml's.")]
+InterfaceChannel = Annotated[str | None, Option(help="Of the interface; default: bench.toml's.")]
 Fast = Annotated[bool, Option("--fast", help="Send as fast as the bus takes the frames.")]
 Seed = Annotated[int, Option(min=0, metavar="N", help="Seed of noise and sensor errors.")]
 FaultName = Literal["double-bump", "lost-frames", "unplug"]
 """Those of `daq.sim.bench.Fault`, which is slow to load."""
-Operator = Annotated[
-    str, Option(metavar="NAME", help="Your name or initials, stored with every verdict.")
-]
+Operator = Annotated[str, Option(metavar="NAME", help="Your name, stored with verdicts.")]
 
 JsonResult = Annotated[bool, Option("--json", help="Print the result as JSON.")]
 
@@ -73,10 +62,7 @@ def shared_bench(path: Path | None, interface: str | None, channel: str | None) 
 
 
 def reachable(bench: Bench, where: str) -> Bench:
-    """Return the bench if its buses reach other processes.
-
-    Raises InputError if one is python-can's `virtual`; `where` is named.
-    """
+    """Return the bench; raise InputError, naming `where`, if a bus is python-can's `virtual`."""
     from daq import InputError
 
     if any(bus.interface == "virtual" for bus in bench.buses):

@@ -153,7 +153,6 @@ def progress(title: str) -> Iterator[Stage]:
 # Messages and failures ----------------------------------------------------------------------------
 
 PAGE_ENDINGS = (".html", ".htm")
-"""Endings of the names of HTML pages."""
 
 
 class ExitCode(IntEnum):
@@ -176,8 +175,7 @@ class ExitCode(IntEnum):
 
 def say(text: str) -> None:
     """Write one message line to stderr; stdout is for data."""
-    printable = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
-    sys.stderr.write(f"bumpbench: {printable}\n")
+    sys.stderr.write(f"bumpbench: {_visible(' '.join(text.splitlines()))}\n")
 
 
 def say_left_out(codec: Codec) -> None:
@@ -227,12 +225,3 @@ def report(error: BumpbenchError) -> ExitCode:
     if isinstance(error, FolderLockedError):
         return ExitCode.LOCKED
     return ExitCode.NO_BUS if isinstance(error, BusError) else ExitCode.BAD_INPUT
-
-
-def report_usage(message: str, command: str) -> ExitCode:
-    """Write a mistake in the command line itself as one line; `command`: whose help is named."""
-    from dbc.words import printable
-
-    plain = " ".join(message.split()).replace("Value error, ", "")  # a library's word for a mistake
-    say(f"error: {printable(plain)} ({command} --help lists what there is)")
-    return ExitCode.BAD_INPUT

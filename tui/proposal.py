@@ -26,11 +26,8 @@ from .output import say
 
 def read_frames(bench: Bench, log: Path | None, skip_s: float, seconds: float) -> FrameBatch:
     """Return some seconds of a log, from `skip_s` after its beginning, or of the buses from now."""
-    return _from_buses(bench, seconds) if log is None else _from_log(log, skip_s, seconds)
-
-
-def _from_log(log: Path, skip_s: float, seconds: float) -> FrameBatch:
-    """Return the frames of some seconds of a log, from `skip_s` after its first frame."""
+    if log is None:
+        return _from_buses(bench, seconds)
     batches: list[FrameBatch] = []
     for batch in Log([log]):
         batches.append(batch)

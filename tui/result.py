@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import isfinite
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from identify import Estimate, Identification, Verdict
@@ -64,16 +65,16 @@ def _print_estimates(
     title: str,
     estimates: Mapping[str, Estimate],
     extra_heading: str = "",
-    extra: Mapping[str, str] | None = None,
+    extra: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
     """Write values with their intervals; `extra`: texts of one more column, by parameter."""
-    columns = ["", "estimate", "95 % interval", "±", "unit"]
+    columns = ["", "estimate", "95 % interval", "±", "unit", extra_heading]
     rows = []
     for name, e in estimates.items():
         interval = ends_text(e) if e.std else "given"  # a value that was not estimated
-        row = [name, value_text(e), interval, half_text(e), unit_text(e.unit)]
-        rows.append([*row, extra.get(name, "")] if extra else row)
-    print_table(title, [*columns, extra_heading] if extra else columns, rows)
+        texts = [value_text(e), interval, half_text(e), unit_text(e.unit)]
+        rows.append([name, *texts, extra.get(name, "")])
+    print_table(title, columns, rows)
 
 
 def print_forces(forces: Forces) -> None:

@@ -135,7 +135,7 @@ def test_a_table_that_the_disk_refuses_is_named(
     monkeypatch.setattr("daq.files.os.fsync", full)
     assert run(["batch", "--workers", "1", file, "--out", str(tmp_path / "t.csv")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "t.csv: No space left on device (make room, and run the same command" in line
+    assert "t.csv: No space left on device (name another file" in line
 
 
 # The page -----------------------------------------------------------------------------------------

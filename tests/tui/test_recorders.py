@@ -219,8 +219,8 @@ class Daemon:
 
 @pytest.fixture
 def ends_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("daq.recorder.recorder.Recorder", lambda *given, **_: Given(*given))
-    monkeypatch.setattr("daq.control.exchange.Server", lambda *_: Given())
+    monkeypatch.setattr(daemon, "Recorder", lambda *given, **_: Given(*given))
+    monkeypatch.setattr(daemon, "Server", lambda *_: Given())
     monkeypatch.setattr(daemon, "_Daemon", Daemon)
 
 

@@ -134,8 +134,8 @@ def test_the_terminal_starts_the_recorder_that_was_asked_for(
     assert real.bench_crc32 == simulated.bench_crc32 is not None
     assert replayed == Setup(Origin.REPLAYED), "what is not named may be anything"
     assert started == [
-        (Path(), "b.toml", "--idle", *bus),
-        (Path("bumpbench-demo"), "b.toml", "--idle", "--demo", "--speed", "3", "--fault", "unplug"),
+        (Path(), "--idle", "b.toml", *bus, "--speed", "1"),
+        (Path("bumpbench-demo"), "--idle", "b.toml", "--demo", "--fault", "unplug", "--speed", "3"),
         (Path("bumpbench-replay"), "--replay", "car.h5", "--speed", "2"),
     ]
     assert run(["tui", "b.toml", *bus]) == 0

@@ -45,12 +45,8 @@ class Job(NamedTuple):
 
 def batch(
     files: Annotated[list[str], Argument(help="Session files, folders, patterns ('2026-*/*.h5').")],
-    workers: Annotated[
-        int | None, Option(min=1, max=64, metavar="N", help="Processes; default: one a core.")
-    ] = None,
-    scheduler: Annotated[
-        str | None, Option(metavar="ADDRESS", help="Use the Dask cluster at tcp://HOST:PORT.")
-    ] = None,
+    workers: Annotated[int | None, Option(min=1, max=64, help="Default: one a core.")] = None,
+    scheduler: Annotated[str | None, Option(help="Dask cluster at tcp://HOST:PORT.")] = None,
     out: Annotated[Path, Option(help="Table to write (*.csv).")] = Path("bumpbench-batch.csv"),
     page: Annotated[Path | None, Option(help="Also a page: filters, trends (*.html).")] = None,
     force: Force = False,
@@ -240,8 +236,8 @@ def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
 
     Raises InputError if one cannot be written.
     """
-    from daq.files import write_bytes
-    from dbc import InputError, csv_text
+    from daq.files import write_named
+    from dbc import csv_text
 
     columns = list(dict.fromkeys(name for row in rows.values() for name in row))
     table = StringIO()
@@ -254,9 +250,5 @@ def _write(out: Path, page: Path | None, rows: dict[str, Row]) -> None:
         from ..jobs.reporting import batch_page
 
         texts[page] = batch_page(columns, list(rows.values()), page.parent)
-    for path, text in texts.items():
-        try:  # the name of a session file need not be UTF-8
-            write_bytes(path, text.encode("utf-8", "backslashreplace"))
-        except OSError as error:
-            reason = error.strerror or "cannot be written"
-            raise InputError(str(path), reason, "make room, and run the same command") from None
+    for path, text in texts.items():  # the name of a session file need not be UTF-8
+        write_named(path, text.encode("utf-8", "backslashreplace"))

@@ -20,30 +20,22 @@ if TYPE_CHECKING:
 def check(
     bench: BenchFile = None,
     log: Annotated[Path | None, Argument(help="Bus log; default: the live bus.")] = None,
-    seconds: Annotated[
-        float, Option(metavar="S", help="Seconds of traffic to check.", min=0.1, max=600)
-    ] = 5.0,
+    seconds: Annotated[float, Option(metavar="S", min=0.1, max=600, help="Time to listen.")] = 5.0,
     json: JsonResult = False,
     propose: Annotated[
         Path | None, Option(help="Write a bench.toml guessed from the DBC and the traffic.")
     ] = None,
     force: Force = False,
-    dbc: Annotated[
-        list[Path] | None, Option(metavar="FILE", help="DBC for --propose; repeatable.")
-    ] = None,
+    dbc: Annotated[list[Path] | None, Option(metavar="FILE", help="DBCs for --propose.")] = None,
     layout: Annotated[
-        list[str] | None, Option(metavar="NAME", help="Ready-made map for --propose; repeatable.")
+        list[str] | None, Option(metavar="NAME", help="Ready-made maps for --propose.")
     ] = None,
-    push: Annotated[
-        float,
-        Option(metavar="S", min=0, max=600, help="Seconds after the rest to push the corners."),
-    ] = 0.0,
+    push: Annotated[float, Option(metavar="S", min=0, max=600, help="Then time to push.")] = 0.0,
     layouts: Annotated[bool, Option("--layouts", help="List the ready-made channel maps.")] = False,
     interface: Interface = None,
     channel: InterfaceChannel = None,
     bitrate: Annotated[
-        int | None,
-        Option(metavar="BIT/S", min=1, max=1_000_000, help="For --propose; default: 500000."),
+        int | None, Option(min=1, max=1_000_000, help="Bit/s, for --propose; default: 500000.")
     ] = None,
 ) -> int:
     """Check the bench: every message and every channel, with the car at rest.

@@ -28,9 +28,7 @@ if TYPE_CHECKING:
 
 def decode(
     log: Annotated[Path, Argument(help=f"{LOG_FORMATS}.")],
-    bench: Annotated[
-        Path | None, Argument(help="bench.toml: its databases and buses, instead of --dbc.")
-    ] = None,
+    bench: Annotated[Path | None, Argument(help="bench.toml, instead of --dbc.")] = None,
     dbc: Annotated[Path | None, Option(metavar="FILE", help="Default: the shipped DBC.")] = None,
     bus: Buses = None,
     json: JsonResult = False,

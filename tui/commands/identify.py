@@ -87,9 +87,7 @@ def report(
 
 
 def compare(
-    sessions: Annotated[
-        list[Path], Argument(help="Session files: the one to compare with, then others by time.")
-    ],
+    sessions: Annotated[list[Path], Argument(help="The one to compare with, then others by time.")],
     json: JsonResult = False,
     page: Page = None,
     force: Force = False,

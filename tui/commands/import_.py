@@ -13,22 +13,15 @@ from ..output import ExitCode, say, say_left_out
 
 
 def import_(
-    logs: Annotated[
-        list[Path] | None, Argument(help=f"{LOG_FORMATS}; in order, and a bench.toml.")
-    ] = None,
+    logs: Annotated[list[Path] | None, Argument(help=f"{LOG_FORMATS}; and a bench.toml.")] = None,
     run: Annotated[
-        list[str] | None,
-        Option(metavar="RUN", help="A log of one run, as baseline:bounce:FILE; repeatable."),
+        list[str] | None, Option(help="A log of one run, as baseline:bounce:FILE.")
     ] = None,
-    runs: Annotated[
-        str | None, Option(metavar="KINDS", help="Bumps in order: baseline:bounce,added:roll,...")
-    ] = None,
+    runs: Annotated[str | None, Option(help="Bumps in order: baseline:bounce,...")] = None,
     skip: Annotated[int, Option(min=0, metavar="N", help="Bumps to leave out at first.")] = 0,
     bus: Buses = None,
     dbc: Annotated[Path | None, Option(help="DBC to use instead of the bench's.")] = None,
-    channels: Annotated[
-        Path | None, Option(help="Channel map of CSV, MF4, MAT or Parquet files that are not logs.")
-    ] = None,
+    channels: Annotated[Path | None, Option(help="Channel map of files that are not logs.")] = None,
     out: Annotated[Path, Option(help="Session file to write.")] = Path("session.h5"),
     force: Force = False,
     json: JsonResult = False,
@@ -61,9 +54,8 @@ def import_(
             raise InputError(f"--run {text}", "is no run", "write MASS_STATE:EXCITATION:FILE")
     one_run_each = bool(run)
     if one_run_each == bool(files):
-        noun = "file" if channels else "log"
-        reason = f"names both {noun}s and --run" if files else f"names no {noun}"
-        advice = f"name {noun}s, or --run MASS_STATE:EXCITATION:FILE each"
+        reason = "names both files and --run" if files else "names no file"
+        advice = "name files, or --run MASS_STATE:EXCITATION:FILE each"
         raise InputError("import", reason, advice)
     if one_run_each and not channels and (runs or skip):
         raise InputError("import", "--runs and --skip are for logs of many runs", "leave them out")

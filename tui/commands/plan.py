@@ -25,19 +25,13 @@ if TYPE_CHECKING:
 
 
 def plan(
-    bench: Annotated[
-        Path | None, Argument(help="bench.toml; default: the session's, else the shipped bench.")
-    ] = None,
-    session: Annotated[
-        Path | None, Option("--from", help="Session of the expected vehicle.")
-    ] = None,
+    bench: Annotated[Path | None, Argument(help="bench.toml; default: the session's.")] = None,
+    session: Annotated[Path | None, Option("--from", help="Session of the vehicle.")] = None,
     bump_mm: Annotated[
-        float | None,
-        Option(min=0.1, max=500, metavar="MM", help="Height of the bump; default: bench.toml's."),
+        float | None, Option(min=0.1, max=500, help="Height of the bump; default: bench.toml's.")
     ] = None,
     rate: Annotated[
-        float | None,
-        Option("--rate-hz", "--rate", min=40, max=5000, help="Sampling rate; default: the DBC's."),
+        float | None, Option("--rate-hz", "--rate", min=40, max=5000, help="Default: the DBC's.")
     ] = None,
     json: JsonResult = False,
 ) -> int:

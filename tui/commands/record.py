@@ -26,6 +26,7 @@ from ..options import (
     JsonResult,
     Operator,
     RecorderFolder,
+    shared_bench,
 )
 from ..output import ExitCode, say
 
@@ -40,9 +41,7 @@ def record(
     channel: InterfaceChannel = None,
     keep_on: Annotated[bool, Option("--keep-on", help="Go on after a campaign: a daemon.")] = False,
     idle: Annotated[bool, Option("--idle", help="Arm nothing: a terminal gives orders.")] = False,
-    log: Annotated[
-        Path | None, Option(help="Log to this file, begun anew at 1 MB; default: stderr.")
-    ] = None,
+    log: Annotated[Path | None, Option(help="Log to write; default: stderr.")] = None,
     display: DisplayAt = None,
     control: DisplayControl = False,
     json: JsonResult = False,
@@ -57,20 +56,21 @@ def record(
     Ends when the campaign is complete; Ctrl-C or SIGTERM ends it earlier, without loss.
     With --keep-on only a signal ends it, within seconds, and it waits for a missing bus.
     """
+    from daq.bus.interfaces import open_source
     from daq.control.address import lone_recorder
 
     from ..display.link import display_beside
     from ..recorders.daemon import Lifetime, record_campaign
     from ..recorders.lines import print_outcome
     from ..recorders.log import Log
-    from ..recorders.traffic import bus_traffic, replayed_traffic, simulated_traffic
+    from ..recorders.traffic import Traffic, replayed_traffic, simulated_traffic
 
     if replay is not None:
         traffic = replayed_traffic(replay, speed)
     elif demo:
         traffic = simulated_traffic(bench, speed, fault or "")
     else:
-        traffic = bus_traffic(bench, interface, channel)
+        traffic = Traffic(shared_bench(bench, interface, channel), open_source)
     is_replay = replay is not None
     lifetime = Lifetime(arm=not idle, keep_on=keep_on, stay=is_replay, attended=demo or is_replay)
     with (
@@ -122,9 +122,7 @@ def display(
     address: DisplayAt = "here",
     control: DisplayControl = False,
     operator: Operator = "",
-    json: Annotated[
-        bool, Option("--json", help="Print the link as JSON, and end when standard input ends.")
-    ] = False,
+    json: Annotated[bool, Option("--json", help="Link as JSON; end with standard input.")] = False,
 ) -> int:
     """Show the state of a folder's recorder in one word that fills a screen.
 
@@ -139,8 +137,8 @@ def display(
     except ImportError as error:
         raise InputError("display", "aiohttp is not installed", "install bumpbench[web]") from error
     if not folder.is_dir():
-        reason = "does not exist" if not folder.exists() else "is not a folder"
-        raise InputError(str(folder), reason, "name the folder that the recorder was started in")
+        advice = "name the folder that the recorder was started in"
+        raise InputError(str(folder), "is not a folder", advice)
 
     def end_with_stdin(end: Callable[[], object]) -> None:
         sys.stdin.read()
@@ -163,9 +161,7 @@ def display(
 
 
 def recover(
-    journal: Annotated[
-        list[Path], Argument(help="Segments journal_*.bbj, or a folder with segments.")
-    ],
+    journal: Annotated[list[Path], Argument(help="Segments *.bbj, or their folders.")],
     out: Annotated[Path | None, Option(help="Session or folder; default: by the journal.")] = None,
     force: Force = False,
     json: JsonResult = False,

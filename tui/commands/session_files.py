@@ -92,12 +92,8 @@ def export(
         Option("--format", help="Format; default: by the suffix of --out."),
     ] = None,
     out: Annotated[Path | None, Option(help="File to write; default: beside the session.")] = None,
-    run: Annotated[
-        list[str] | None, Option(metavar="RUN", help="Only this run; repeatable.")
-    ] = None,
-    decimal: Annotated[
-        Literal[".", ","] | None, Option(help="Decimal mark of CSV; with a comma, ; separates.")
-    ] = None,
+    run: Annotated[list[str] | None, Option(metavar="RUN", help="Only these runs.")] = None,
+    decimal: Annotated[Literal[".", ","] | None, Option(help="Decimal mark of CSV.")] = None,
     force: Force = False,
     json: JsonResult = False,
 ) -> int:
@@ -131,12 +127,10 @@ def export(
 
 
 def redecode(
-    session: Annotated[Path, Argument(help="Session file (HDF5); it stays unchanged.")],
-    bench: Annotated[
-        Path | None, Argument(help="The corrected bench.toml; default: the session's.")
-    ] = None,
+    session: SessionFile,
+    bench: Annotated[Path | None, Argument(help="Corrected bench.toml.")] = None,
     dbc: Annotated[Path | None, Option(help="The corrected DBC.")] = None,
-    out: Annotated[Path | None, Option(help="File to write; default: NAME_redecoded.h5.")] = None,
+    out: Annotated[Path | None, Option(help="Default: NAME_redecoded.h5.")] = None,
     force: Force = False,
     json: JsonResult = False,
 ) -> int:

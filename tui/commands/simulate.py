@@ -42,9 +42,7 @@ def simulate(
     recorder: Annotated[Path | None, Option(help="Wait for the recorder of this folder.")] = None,
     seed: Seed = 1,
     fast: Fast = False,
-    push: Annotated[
-        float | None, Option(metavar="S", min=0, max=600, help="Push the corners after this time.")
-    ] = None,
+    push: Annotated[float | None, Option(min=0, max=600, help="Seconds before each push.")] = None,
     json: JsonResult = False,
 ) -> None:
     """Play a campaign of the simulated car, each sensor on its bus, in real time.
@@ -99,15 +97,11 @@ def simulate(
 
 def replay(
     source: Annotated[Path, Argument(help=f"{LOG_FORMATS}; or a session.")],
-    bench: Annotated[
-        Path | None, Argument(help="bench.toml that names the bus; default: the shipped one.")
-    ] = None,
+    bench: BenchFile = None,
     interface: Interface = None,
     channel: InterfaceChannel = None,
     bus: Buses = None,
-    speed: Annotated[
-        float, Option(min=0.001, max=1000, metavar="TIMES", help="Speed; 2 is twice real time.")
-    ] = 1.0,
+    speed: Annotated[float, Option(min=0.001, max=1000, help="2 is twice real time.")] = 1.0,
     fast: Fast = False,
     json: JsonResult = False,
 ) -> int:

@@ -25,9 +25,7 @@ study = typer.Typer(
     rich_markup_mode=None,
 )
 
-FigureFile = Annotated[
-    Path | None, Option("--figure", metavar="FILE.svg", help="Draw the result, too.")
-]
+FigureFile = Annotated[Path | None, Option("--figure", metavar="FILE.svg", help="Draw it, too.")]
 Rate = Annotated[float, Option(metavar="HZ", help="Samples per second.")]
 Noise = Annotated[float, Option(metavar="DB", help="Signal-to-noise ratio in dB.")]
 Fits = Annotated[int, Option(min=1, max=100_000, metavar="N", help="Number of campaigns.")]
@@ -45,9 +43,7 @@ def table2(
     """Identify all parameters from noise-free simulated runs."""
     from identify.study.paper import table2_study
 
-    with output.progress("table2"):
-        result = table2_study(response)
-    _print_and_draw(result, json)
+    _print_and_draw(table2_study(response), json)
 
 
 @study.command()
@@ -126,7 +122,7 @@ def noise(
         Option(help="The paper's seven sensors, or a bench's."),
     ] = "paper",
     known_geometry: Annotated[
-        bool, Option("--known-geometry", help="a, b, t_f and t_r are measured.")
+        bool, Option("--known-geometry", help="a, b, t_f, t_r known.")
     ] = False,
     added_mass: Annotated[bool, Option(help="Bump with added mass, too.")] = True,
     fits: Fits = 100,

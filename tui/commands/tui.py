@@ -28,16 +28,12 @@ if TYPE_CHECKING:
 
 def tui(
     bench: BenchFile = None,
-    out: Annotated[
-        Path | None, Option(help="The recorder's folder; default: the present one.")
-    ] = None,
+    out: Annotated[Path | None, Option(help="The recorder's folder.")] = None,
     interface: Interface = None,
     channel: InterfaceChannel = None,
     demo: Annotated[bool, Option("--demo", help="Use a simulated car, no bus.")] = False,
     fault: Annotated[FaultName | None, Option(help="Fault of --demo.")] = None,
-    speed: Annotated[
-        float, Option(min=0.1, max=20, metavar="TIMES", help="Speed of --demo or --replay.")
-    ] = 1.0,
+    speed: Annotated[float, Option(min=0.1, max=20, help="Of --demo, --replay.")] = 1.0,
     replay: Annotated[Path | None, Option(help="Play a recorded session on the screens.")] = None,
     auto: Annotated[bool, Option("--auto", help="Press SPACE whenever it does something.")] = False,
     glyphs: Annotated[
@@ -86,16 +82,12 @@ def tui(
         if not getattr(sys, stream).isatty():
             advice = "start it in one; `bumpbench record` and `status` need none"
             raise InputError("bumpbench tui", f"{stream} is not a terminal", advice)
-    if replay:  # the arguments of `bumpbench record`
-        arguments = ["--replay", str(replay), "--speed", f"{speed:g}"]
-    else:
-        arguments = [*([str(bench)] if bench else []), "--idle"]
-        options: dict[str, str | None] = {"--interface": interface, "--channel": channel}
-        if demo:
-            arguments += ["--demo", "--speed", f"{speed:g}"]
-            options = {"--fault": fault}
-        for option, value in options.items():
-            arguments += [option, value] if value else []
+    # The arguments of `bumpbench record`, which has no use for a bench or a bus in a replay.
+    arguments = ["--replay", str(replay)] if replay else ["--idle"]
+    arguments += [*([str(bench)] if bench else []), *(["--demo"] if demo else [])]
+    options = {"--interface": interface, "--channel": channel, "--fault": fault}
+    for option, value in {**options, "--speed": f"{speed:g}"}.items():
+        arguments += [option, value] if value else []
 
     def start() -> Process:
         if not (demo or replay):

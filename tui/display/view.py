@@ -64,7 +64,6 @@ class Headline:
     digits: str = ""
     """Seconds, to be read from a distance."""
     digits_are: str = ""
-    """The meaning of the digits."""
     share: float | None = None
     """Share of the decay that has passed, 0..1; None outside a decay."""
 
@@ -129,7 +128,6 @@ class View:
     done: int = 0
     """Accepted runs, without those beyond the plan."""
     planned: int = 0
-    """Planned runs."""
     alarm: AlarmLine | None = None
     overload: str = ""
     """Channels that reached the end of their range."""

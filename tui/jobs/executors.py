@@ -16,10 +16,11 @@ from itertools import islice
 from multiprocessing import active_children, get_all_start_methods, get_context, parent_process
 from multiprocessing.connection import wait as wait_for
 from threading import Thread
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
-if TYPE_CHECKING:
-    from ..output import Stage
+from dbc import InputError
+
+from ..output import Stage
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -81,8 +82,6 @@ def map_items(
     The first error ends the work.  Raises InputError if a worker process dies.  Other arguments and
     errors: as of `as_finished`.
     """
-    from dbc import InputError  # this loads NumPy, which --help does not need
-
     results: dict[Item, Result] = {}
     for item, future in as_finished(function, items, workers):
         try:
@@ -101,8 +100,6 @@ def processes(workers: int, modules: Sequence[str] = ("identify",)) -> Iterator[
     Ctrl-C reaches only the parent, which then ends them; they end, too, when it is killed.  Raises
     InputError if no process can be started, or one dies.
     """
-    from dbc import InputError
-
     # Windows has no fork server.
     method = "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
     context: Any = get_context(method)
@@ -146,8 +143,6 @@ def _workers(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, in
         with processes(workers) as pool:
             yield pool, workers
         return
-    from dbc import InputError
-
     try:
         from distributed import Client
     except ImportError:

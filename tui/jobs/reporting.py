@@ -18,7 +18,7 @@ from daq import read_session
 from daq.files import file_sha256, json_in_html, make_room, write_named
 from daq.vehicle import parameter_unit
 from dbc.words import printable
-from identify import Identification, identify_parameters
+from identify import Identification, identify, identify_parameters
 from identify.batch import Cell, Row
 
 from ..output import PAGE_ENDINGS, Stage, require_ending
@@ -44,14 +44,12 @@ def write_report(
     another ending or cannot be written.
     """
     stage(0.02, "reading")
-    import daq
-    from identify import identify
     from identify.report.content import report_of
     from identify.report.evidence import CrossChecks, cross_checks
     from identify.report.page import Source
     from identify.report.typeset import drawings, html_of, pdf_of
 
-    recorded = daq.read_session(session)
+    recorded = read_session(session)
     require_ending(html, "page", PAGE_ENDINGS)
     make_room(html)
     if pdf is not None:

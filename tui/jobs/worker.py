@@ -36,7 +36,6 @@ class Outcome:
     """The content of the screens of one identification."""
 
     session: str
-    """The session file."""
     result: Identification
     """Without its fit."""
     overrides: tuple[str, ...]

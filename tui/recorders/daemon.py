@@ -14,20 +14,33 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from ..output import Stage, say_left_out
+from daq import BusError
+from daq.alarms.watch import with_not_recording
+from daq.bench.config import Bench, bench_codec
+from daq.bus.source import FrameSource, OpenSource
+from daq.control.address import control_address
+from daq.control.exchange import Server
+from daq.control.messages import (
+    Arm,
+    Live,
+    Phase,
+    Reply,
+    SessionState,
+    Status,
+    Stop,
+    Until,
+    setup_of,
+)
+from daq.control.monitoring import Systemd
+from daq.recorder.recorder import Recorder
+from daq.samples.mapping import mapped_channels
+
+from ..output import Stage, say_left_out, software
 from .lines import news, progress_words
 from .log import Log
 from .traffic import Traffic
-
-if TYPE_CHECKING:
-    from daq.bench.config import Bench
-    from daq.bus.source import FrameSource, OpenSource
-    from daq.control.exchange import Server
-    from daq.control.messages import Live, Reply, Status
-    from daq.control.monitoring import Systemd
-    from daq.recorder.recorder import Recorder
 
 BY = "record"
 """Author, in the journal, of the daemon's own orders."""
@@ -61,16 +74,6 @@ def record_campaign(
     its `session` has the path of the session file.  Raises InputError if the bench is bad or no
     client could connect, BusError if a recorder that does not keep on can open no bus.
     """
-    from importlib.metadata import version
-
-    from daq.bench.config import bench_codec
-    from daq.control.address import control_address
-    from daq.control.exchange import Server
-    from daq.control.messages import setup_of
-    from daq.control.monitoring import Systemd
-    from daq.recorder.recorder import Recorder
-    from daq.samples.mapping import mapped_channels
-
     codec = bench_codec(traffic.bench)
     say_left_out(codec)
     mapped_channels(traffic.bench, codec)  # before anything is made
@@ -81,8 +84,7 @@ def record_campaign(
     open_source = traffic.open_source
     if not lifetime.keep_on:
         open_source = _opened_at_once(traffic.bench, open_source)
-    software = f"bumpbench {version('bumpbench')}"
-    recorder = Recorder(traffic.bench, folder, open_source, software=software)
+    recorder = Recorder(traffic.bench, folder, open_source, software=software())
     server = Server(recorder.submit, control_address(folder), setup_of(traffic.bench))
     systemd = Systemd()
     try:
@@ -99,8 +101,6 @@ def _opened_at_once(bench: Bench, open_source: OpenSource) -> OpenSource:
     The first call of the result for a bus returns the source opened here, later calls open it
     again.  Raises BusError if none can be opened, with the reason of the last.
     """
-    from daq import BusError
-
     opened: dict[int, FrameSource] = {}
     failure: BusError | None = None
     for number, bus in enumerate(bench.buses):
@@ -168,8 +168,6 @@ class _Daemon:
 
     def _supervise(self, stage: Stage) -> None:
         """End the recorder if it is time, give it orders, and report its last status."""
-        from daq.alarms.watch import with_not_recording
-
         end = self.lifetime.end
         needs_terminal = self.lifetime.attended and not end.is_set()
         if needs_terminal and self.server.alone_s() > _ALONE_S:
@@ -196,8 +194,6 @@ class _Daemon:
 
     def _give_orders(self, status: Status, end: bool) -> None:
         """Arm each campaign once; stop it once when it is complete or a signal (`end`) has come."""
-        from daq.control.messages import Arm, Phase, Stop, Until
-
         lifetime, recording = self.lifetime, status.recording
         if lifetime.arm and status.phase is Phase.IDLE and recording not in ("", self._armed):
             self._armed = recording
@@ -216,8 +212,6 @@ class _Daemon:
         A full disk refuses to stop: if the recorder ended, the frames that wait in memory would be
         lost.  It is ordered again then, and only a signal (`end`) ends the recorder.
         """
-        from daq.control.messages import SessionState
-
         keep_on = self.lifetime.keep_on
         if (refusal := reply.exception()) is None:
             # A status from before the stop shows the session file of the runs until then.

@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from daq import InputError, Session, read_session
+from daq.control.messages import SessionState, Status
+from daq.control.monitoring import status_line
 from dbc import counted
 
 from ..output import ExitCode, print_session, say
-
-if TYPE_CHECKING:
-    from daq import Session
-    from daq.control.messages import Status
-
 
 RECOVER = "the journal has it all: make room if the disk is full, then `bumpbench recover`"
 """Advice where no session file could be built."""
@@ -83,8 +80,6 @@ def progress_words(status: Status) -> tuple[float, str]:
 
 def status_lines(status: Status) -> Iterator[str]:
     """Yield a status as a few lines of text."""
-    from daq.control.monitoring import status_line
-
     origin = "" if status.origin == "real" else f" ({status.origin})"
     yield f"{status.vehicle}{origin}, into {status.folder}: {status_line(status)}"
     yield f"{status.phase}: {progress_words(status)[1]}"
@@ -118,9 +113,6 @@ def recorded_session(last: Status) -> tuple[Path, Session]:
 
     Raises InputError if there is none, with the reason.
     """
-    from daq import InputError, read_session
-    from daq.control.messages import SessionState
-
     if last.session.state is not SessionState.READY:
         if last.disk.held_frames:
             raise InputError(last.folder, _not_stored_words(last), RECOVER_STORED)

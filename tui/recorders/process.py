@@ -9,6 +9,9 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
+from daq import InputError
+from daq.control.address import group_readable
+
 LOG = "recorder.log"
 """Name of the log in a recorder's folder."""
 
@@ -21,9 +24,6 @@ def start_recorder(folder: Path, *arguments: str) -> Process:
     `folder`: for journal, sessions and the log.  `arguments`: further ones and options of
     `bumpbench record`.  Raises InputError if the folder or its log cannot be written.
     """
-    from daq import InputError
-    from daq.control.address import group_readable
-
     log_path, nothing = folder / LOG, subprocess.DEVNULL
     command = [sys.executable, "-m", "tui", "record", "--keep-on", *arguments]
     command += ["--out", str(folder), "--log", str(log_path)]

@@ -6,14 +6,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from ..options import shared_bench
-
-if TYPE_CHECKING:
-    from daq.bench.config import Bench, BusConfig
-    from daq.bus.source import FrameSource, OpenSource
-    from daq.control.messages import Status
+from daq import InputError, read_session
+from daq.bench.campaign import Origin
+from daq.bench.config import Bench, BusConfig, bench_codec, load_bench, parse_bench
+from daq.bus.source import FrameSource, OpenSource
+from daq.control.messages import Status
+from daq.replay import RecordedSource, whole_frames
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,13 +26,6 @@ class Traffic:
     """Called with every status of the recorder, in the writer's thread."""
 
 
-def bus_traffic(path: Path | None, interface: str | None, channel: str | None) -> Traffic:
-    """Return the traffic of real buses; parameters and errors are those of `shared_bench`."""
-    from daq.bus.interfaces import open_source
-
-    return Traffic(shared_bench(path, interface, channel), open_source)
-
-
 def simulated_traffic(path: Path | None, speed: float, fault: str, seed: int = 1) -> Traffic:
     """Return the traffic of a simulated car, which is bumped whenever the recorder is armed.
 
@@ -41,8 +33,6 @@ def simulated_traffic(path: Path | None, speed: float, fault: str, seed: int = 1
     fault that spoils a run; empty for none.  `seed`: of noise and sensor errors.  Raises InputError
     if the bench is bad.
     """
-    from daq.bench.campaign import Origin
-    from daq.bench.config import bench_codec, load_bench
     from daq.sim.bench import Fault, SimulatedBench
     from daq.sim.car import SimulatedCar
 
@@ -73,11 +63,6 @@ def replayed_traffic(path: Path, speed: float) -> Traffic:
 
     Raises InputError if no recorder has made the session.
     """
-    from daq import InputError, read_session
-    from daq.bench.campaign import Origin
-    from daq.bench.config import BusConfig, parse_bench
-    from daq.replay import RecordedSource, whole_frames
-
     session = read_session(path)
     provenance = session.provenance
     if not {"bench_toml", "dbc"} <= provenance.keys():
