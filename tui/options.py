@@ -22,10 +22,10 @@ Buses = Annotated[
 ]
 
 DisplayAt = Annotated[
-    str | None, Option("--display", "--host", metavar="ADDRESS", help="Serve it: here, lan, IP.")
+    str | None, Option("--display", "--host", help="Serve a display: here, lan or an IP address.")
 ]
 DisplayControl = Annotated[
-    bool, Option("--control", "--display-control", help="Let it give orders.")
+    bool, Option("--control", "--display-control", help="Let the display start, reject and pause.")
 ]
 Page = Annotated[Path | None, Option("--page", "--out", metavar="FILE", help="Page (*.html).")]
 Force = Annotated[bool, Option("--force", help="Replace existing files without a question.")]

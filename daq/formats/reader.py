@@ -23,7 +23,7 @@ LONGEST_NS = 10**18
 
 
 def optional(module: str, extra: str) -> ModuleType:
-    """Return a library of one of the extras of pyproject.toml, which only some formats need.
+    """Return a library of one of the extras of pyproject.toml, which not everybody needs.
 
     Raises InputError if it is not installed.
     """
@@ -31,7 +31,7 @@ def optional(module: str, extra: str) -> ModuleType:
         return import_module(module)
     except ImportError as error:
         problem = f"needs {module.split('.')[0]}, which is not installed"
-        raise InputError("this format", problem, f"pip install 'bumpbench[{extra}]'") from error
+        raise InputError("this command", problem, f"pip install 'bumpbench[{extra}]'") from error
 
 
 @dataclass(slots=True)

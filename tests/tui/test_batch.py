@@ -252,7 +252,7 @@ def test_a_scheduler_that_does_not_answer_is_named() -> None:
 
 def test_a_cluster_needs_dask(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(InputError, match="needs Dask"):
+    with pytest.raises(InputError, match="needs distributed"):
         list(as_finished(abs, [1], 1, "tcp://host:8786"))
 
 

@@ -127,7 +127,7 @@ MISTAKES = {
     "import": "names no file",
     "import --run baseline:roll:all.log --skip 1": "for logs of many runs",
     "import --run baseline:roll:all.log --runs baseline:roll": "of many runs",
-    "import all.log --run baseline:roll:all.log": "both logs and --run",
+    "import all.log --run baseline:roll:all.log": "both files and --run",
     "import --run baseline:all.log": "--run",
     "import all.log bench.toml --skip 4": "no bump is left",
     "import all.log bench.toml --runs baseline:jump": "is not a run",

@@ -166,9 +166,9 @@ def test_a_browser_gets_the_same_command_if_a_port_is_free(
 def test_without_its_library_browsers_get_nothing(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(sys.modules, "tui.browser.server", None)
+    monkeypatch.setitem(sys.modules, "textual_serve", None)
     assert run(["tui", "--web"]) == 2
-    assert "--web: textual-serve is not installed" in capsys.readouterr().err
+    assert "needs textual_serve, which is not installed" in capsys.readouterr().err
 
 
 # Status -------------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from ..output import ExitCode, say, say_left_out
 def import_(
     logs: Annotated[list[Path] | None, Argument(help=f"{LOG_FORMATS}; and a bench.toml.")] = None,
     run: Annotated[
-        list[str] | None, Option(help="A log of one run, as baseline:bounce:FILE.")
+        list[str] | None, Option(metavar="RUN", help="A log of one run, as baseline:bounce:FILE.")
     ] = None,
     runs: Annotated[str | None, Option(help="Bumps in order: baseline:bounce,...")] = None,
     skip: Annotated[int, Option(min=0, metavar="N", help="Bumps to leave out at first.")] = 0,

@@ -131,11 +131,11 @@ def display(
     """
     from daq import InputError
     from daq.control.address import control_address, is_running, unreachable_words
+    from daq.formats.reader import optional
 
-    try:
-        from ..display.server import run_display
-    except ImportError as error:
-        raise InputError("display", "aiohttp is not installed", "install bumpbench[web]") from error
+    optional("aiohttp", "web")
+    from ..display.server import run_display
+
     if not folder.is_dir():
         advice = "name the folder that the recorder was started in"
         raise InputError(str(folder), "is not a folder", advice)

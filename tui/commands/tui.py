@@ -53,6 +53,7 @@ def tui(
     The recorder goes on when the terminal is closed; a new terminal continues where you were.
     """
     from daq import InputError
+    from daq.formats.reader import optional
 
     from ..display.link import display_beside
     from ..recorders.process import Process, start_recorder
@@ -70,11 +71,9 @@ def tui(
     folder = out or Path("bumpbench-demo" if demo else "bumpbench-replay" if replay else ".")
     wanted = wanted_setup(bench, interface, channel, demo, replay)
     if web:
-        try:
-            from ..browser.server import serve
-        except ImportError as error:
-            reason = "textual-serve is not installed"
-            raise InputError("--web", reason, "install bumpbench[web]") from error
+        optional("textual_serve", "web")
+        from ..browser.server import serve
+
         serve([word for word in sys.argv[1:] if word != "--web"])  # the same command
         return ExitCode.OK
     # A server draws in the browser, which is its terminal.

@@ -14,6 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 
 from daq import InputError
+from daq.formats.reader import optional
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +74,8 @@ def listen_on(host: str) -> tuple[str, socket.socket]:
     reaches, `lan` for its address in the network.  Raises InputError if there is no such address,
     or if it is every address.
     """
-    from ..browser.server import listen  # aiohttp, which is an extra
+    optional("aiohttp", "web")
+    from ..browser.server import listen
 
     advice = "name an address of this machine, or lan"
     address = "127.0.0.1" if host == "here" else _address_in_network() if host == "lan" else host
@@ -120,11 +122,7 @@ def display_beside(
             raise InputError("--control", "needs a display", "add --display lan")
         yield None
         return
-    try:
-        listen_on(host)[1].close()
-    except ImportError as error:
-        advice = "install bumpbench[web]"
-        raise InputError("--display", "aiohttp is not installed", advice) from error
+    listen_on(host)[1].close()
     options = ["--display", host, "--operator", operator, "--json"]
     options += ["--control"] if control else []
     command = [sys.executable, "-m", "tui", "display", str(folder.resolve()), *options]

@@ -18,6 +18,7 @@ from multiprocessing.connection import wait as wait_for
 from threading import Thread
 from typing import Any, TypeVar
 
+from daq.formats.reader import optional
 from dbc import InputError
 
 from ..output import Stage
@@ -143,13 +144,9 @@ def _workers(workers: int, scheduler: str | None) -> Iterator[tuple[Executor, in
         with processes(workers) as pool:
             yield pool, workers
         return
-    try:
-        from distributed import Client
-    except ImportError:
-        raise InputError("--scheduler", "needs Dask", "install bumpbench[cluster]") from None
+    connect = optional("distributed", "cluster").Client
     for name in ("distributed", "tornado", "asyncio"):  # what matters arrives as an exception
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
-    connect: Any = Client  # typed in part only
     try:
         client = connect(scheduler, timeout=4.0, set_as_default=False)
     except (OSError, ValueError) as error:
