@@ -17,7 +17,6 @@ from daq.check.pushes import (
     ORDER,
     Pushes,
     PushResult,
-    Trace,
     axis_of,
     find_pushes,
     judge_push,
@@ -25,6 +24,7 @@ from daq.check.pushes import (
     pushed_corner,
     shows_push,
 )
+from daq.samples.mapping import Trace
 from daq.sim.car import SensorTruth, true_reading
 from daq.sim.motion import load_car, pushed
 from daq.vehicle import FORD_GRANADA, AddedMass, Corner
