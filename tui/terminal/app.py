@@ -42,8 +42,6 @@ RECORDER_GOES_ON = (
     ' to end the recorder, press Ctrl+P there and choose "recorder: shut down".'
 )
 """Text that a closed terminal leaves on stderr."""
-MOST_NEWS = 1200
-"""Largest number of messages kept for a terminal whose output is stopped: one minute of news."""
 _WIDTHS = [(0, "-narrow"), (120, "-wide"), (180, "-huge")]
 """Numbers of columns from which a screen has a style class."""
 _MODULES = {"home": "bumping", "identify": "work", "report": "work"}
@@ -94,8 +92,6 @@ class BenchApp(KeyboardApp):
         *(Binding(str(i), f"step({i})", show=False) for i in range(2, 8)),
         Binding("n", "note", "Note", tooltip="Write a note on the session"),
         Binding("c", "take_over", show=False, tooltip="Take control"),
-        Binding("tab", "focus_next", show=False, tooltip="Next field"),
-        Binding("shift+tab", "focus_previous", show=False, tooltip="Previous field"),
         Binding("ctrl+q", "quit", show=False, priority=True, tooltip="Close the terminal"),
     ]
 
@@ -126,7 +122,8 @@ class BenchApp(KeyboardApp):
         self.bench: Bench | None = None
         """The bench in force; None until the recorder has sent it."""
         self.bench_text = ""
-        self._news: deque[News] = deque(maxlen=MOST_NEWS)  # not processed yet
+        # News not processed yet: one minute of it, if the output of the terminal is stopped.
+        self._news: deque[News] = deque(maxlen=1200)
         self._has_begun = False  # once the first screen of the campaign has been chosen
         self._wanted_setup = wanted
         self._shown_halt = ""  # reason of the halt whose help was shown; empty without a halt

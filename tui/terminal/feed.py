@@ -109,7 +109,17 @@ class RecorderFeed:
 
         Raises OrderRefusedError if the recorder refuses or is gone.
         """
-        return await asyncio.to_thread(self._ask, order)
+        client = self._client
+        if client is None:
+            raise OrderRefusedError("no recorder answers: X starts one")
+        timeout_s = CHECK_ANSWER_S if isinstance(order, AskCheck) else ANSWER_S
+        try:
+            reply = await asyncio.to_thread(client.ask, order, timeout_s)
+        except RecorderGoneError as error:
+            raise OrderRefusedError(f"{error.what}: {error.advice}") from error
+        if isinstance(order, Hello):
+            self._name = order.name  # also to a recorder that is started again
+        return reply
 
     def take_over(self) -> None:
         """Ask for control at once, with a new connection."""
@@ -142,20 +152,6 @@ class RecorderFeed:
         self._stop.set()
         if self._thread is not None:
             self._thread.join(5.0)
-
-    def _ask(self, order: Order) -> Reply:
-        """Send an order and wait for the answer; errors are those of `ask`."""
-        client = self._client
-        if client is None:
-            raise OrderRefusedError("no recorder answers: X starts one")
-        timeout_s = CHECK_ANSWER_S if isinstance(order, AskCheck) else ANSWER_S
-        try:
-            reply = client.ask(order, timeout_s)
-        except RecorderGoneError as error:
-            raise OrderRefusedError(f"{error.what}: {error.advice}") from error
-        if isinstance(order, Hello):
-            self._name = order.name  # also to a recorder that is started again
-        return reply
 
     def _listen(self, post: Callable[[News], None]) -> None:
         """Connect, post the news, and connect again, until stopped."""

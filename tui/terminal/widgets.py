@@ -7,11 +7,9 @@ from importlib.resources import files
 from textwrap import wrap
 from typing import ClassVar
 
-from rich.style import Style
 from rich.text import Text
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
-from textual.color import Color
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
 from textual.screen import ModalScreen, Screen
@@ -54,9 +52,7 @@ class Table(DataTable[Text]):
     """
 
     def __init__(self, name: str, reads: bool = False) -> None:
-        super().__init__(
-            id=name, cursor_type="none" if reads else "row", show_cursor=not reads, cell_padding=0
-        )
+        super().__init__(id=name, cursor_type="none" if reads else "row", cell_padding=0)
         self.can_focus = False
         self._content: tuple[tuple[str, ...], list[list[Text]]] = ((), [])
 
@@ -87,11 +83,6 @@ class Table(DataTable[Text]):
     def choose(self, row: int) -> None:
         """Choose a row and bring it into sight."""
         self.move_cursor(row=max(0, min(row, self.row_count - 1)))
-
-    def ink(self, name: str) -> Style:
-        """Return the style of a colour of the theme, for a part of a cell."""
-        colour = Color.parse(self.app.theme_variables[name])
-        return Style(color=colour.rich_color, bold=True)
 
 
 _WORD_COLUMNS, _DIGITS_COLUMNS = 9, 10

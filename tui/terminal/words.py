@@ -203,8 +203,7 @@ class Banner:
     """Three lines, to be read from three metres: symbol, word and title; two lines of text."""
 
     kind: str
-    """`armed`, `moving`, `good`, `bad`, `quiet`: chooses the colour, which only adds to the
-    words."""
+    """`armed`, `moving`, `good`, `bad` or `quiet`: chooses the colour."""
     symbol: str
     word: str
     """The state in one word."""

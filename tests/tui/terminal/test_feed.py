@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import subprocess
 import sys
 import threading
@@ -190,7 +191,7 @@ def posts(folder: Path, enough: Callable[[list[News]], bool]) -> list[News]:
 
     def post(news: News) -> None:
         if isinstance(news, Role):
-            listener._ask(AskStatus())  # orders can be given as soon as there is news
+            asyncio.run(listener.ask(AskStatus()))  # orders can be given as soon as there is news
         queue.put(news)
 
     listener.start(post)

@@ -221,9 +221,9 @@ class CheckScreen(BenchScreen):
 
     def _cells(self, row: CheckRow) -> list[Cell]:
         """Return symbol and state, subject, and text of a line."""
-        glyphs, table = self.bench_app.glyphs, self.query_one(Table)
+        glyphs, colours = self.bench_app.glyphs, self.app.theme_variables
         sign = {OK: glyphs.good, WARN: glyphs.warn, FAIL: glyphs.bad, NOW: glyphs.now}
-        ink = table.ink(_INKS[row.state]) if row.state in _INKS else ""
+        ink = f"bold {colours[_INKS[row.state]]}" if row.state in _INKS else ""
         state = Text(f" {sign.get(row.state, glyphs.empty)} {row.state:<5}", ink)
         text = printable(row.text, 200)
         if row.overridden and row.advice:

@@ -119,11 +119,8 @@ def entry_values(entries: Sequence[Entry]) -> list[dict[str, Any]]:
     return [{**weight_values(e.weight), "bolted": e.bolted} for e in entries]
 
 
-HEADS = ("#", "bolted", "place", "kg", "± kg", "x m", "y m", "height m")
-
-
 def weight_cells(number: int, entry: Entry, yes: str, no: str) -> list[Cell]:
-    """Return the cells of a weight under `HEADS`; `yes` and `no` are marks."""
+    """Return a weight's number, bolted or not (marks `yes`, `no`), place, masses and position."""
     weight = entry.weight
     masses = [f"{weight.mass_kg:.2f}", f"{weight.sigma_kg:.2f}"]
     if isinstance(weight, BodyWeight):
@@ -244,7 +241,8 @@ class MassesScreen(BenchScreen):
             weight_cells(number, entry, app.glyphs.good, app.glyphs.bad)
             for number, entry in enumerate(self._entries, 1)
         ]
-        self.query_one(Table).show(HEADS, rows or [["", "no weight: A adds one"]])
+        heads = ("#", "bolted", "place", "kg", "± kg", "x m", "y m", "height m")
+        self.query_one(Table).show(heads, rows or [["", "no weight: A adds one"]])
         total = Content(f"together {sum(weight.mass_kg for weight in self._weights):.4g} kg")
         self.query_one("#due", Words).say(Content("\n").join([self._next_line(), total]))
 
