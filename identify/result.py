@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from hashlib import sha256
 from math import isfinite, nan
 from pathlib import Path
@@ -38,20 +37,14 @@ VERSION = "1.0.0"
 _PACKAGES = (Path(dbc.__file__).parent, Path(daq.__file__).parent, Path(__file__).parent)
 
 
-@cache
-def software_sha256() -> str:
-    """Return the hash of the modules of `dbc`, `daq` and `identify` and their shipped tables.
+def software_sha256(packages: Sequence[Path] = _PACKAGES) -> str:
+    """Return SHA-256 over names and contents of modules and shipped tables in some packages.
 
     A version says which program it should be; the hash also shows a change made in place.
     """
-    return hash_of(_PACKAGES)
-
-
-def hash_of(folders: Sequence[Path]) -> str:
-    """Return SHA-256 over names and contents of those files in some folders."""
     whole = sha256()
     endings = (".py", ".toml", ".dbc")  # compiled copies and pages do not affect the numbers
-    for folder in folders:
+    for folder in packages:
         for path in sorted(path for path in folder.rglob("*") if path.suffix in endings):
             name, content = path.relative_to(folder.parent).as_posix(), path.read_bytes()
             whole.update(b"%s\0%d\0%s" % (name.encode(), len(content), content))

@@ -67,7 +67,9 @@ _ROUGH = 0.1
 """Gain of likelihood below which a step is the last as long as modes come and go."""
 
 
-def identify_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
+def identify_modes(
+    records: Sequence[ArrayLike], rate_hz: float, *, by_likelihood: bool = True
+) -> ModalModel:
     """Identify the modes of a structure from its free decays.
 
     Nothing is assumed about the structure: any number of modes, seen by any channels
@@ -76,21 +78,11 @@ def identify_modes(records: Sequence[ArrayLike], rate_hz: float) -> ModalModel:
     likelihood from there, which gives the standard deviations.
 
     `records`: evenly sampled, each (n_samples, n_channels), the same channels in each; lengths may
-    differ.  `rate_hz`: samples a second.  Returns poles in rad/s and shapes in the channels' own
-    quantities, none if no mode stands out from the noise.  Raises InputError for no record,
-    different numbers of channels, fewer than 8 samples, values that are not finite, or a rate that
-    is not positive.
-    """
-    return modes_of_records(records, rate_hz, by_likelihood=True)
-
-
-def modes_of_records(
-    records: Sequence[ArrayLike], rate_hz: float, *, by_likelihood: bool
-) -> ModalModel:
-    """Return the modes by regression, of noisy records then by likelihood, if asked for.
-
-    Without the likelihood, noisy records give real poles as well, from which a fit may start.
-    Parameters and Raises are those of `identify_modes`.
+    differ.  `rate_hz`: samples a second.  `by_likelihood`: False for the regression alone, which
+    gives noisy records no standard deviations and real poles as well.  Returns poles in rad/s and
+    shapes in the channels' own quantities, none if no mode stands out from the noise.  Raises
+    InputError for no record, different numbers of channels, fewer than 8 samples, values that are
+    not finite, or a rate that is not positive.
     """
     decays, unit = scaled_records(records, rate_hz)
     moves = np.any([np.ptp(decay, axis=0) > 0.0 for decay in decays], axis=0)  # not stuck
@@ -319,7 +311,7 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
         # start comes from these grids.
         rng, blur = np.random.default_rng(0), 0.03 * np.std(np.concatenate(grids), axis=0)
         grids = [grid + blur * rng.standard_normal(grid.shape) for grid in grids]
-    model = modes_of_records(grids, rate_hz, by_likelihood=False)
+    model = identify_modes(grids, rate_hz, by_likelihood=False)
     if len(model):
         samples = gathered(_blocks(decays, moving))
         model = likely_modes(samples, model.poles, model.shapes, most_modes=N_DOF).model()

@@ -121,8 +121,6 @@ class Plan:
     def __post_init__(self) -> None:
         given = np.array(self.vehicle, dtype=float)
         full = SYMMETRIC @ given if given.shape == SYMMETRIC.shape[1:] else given
-        if full.shape != (len(FULL_NAMES),):
-            raise ValueError(f"a vehicle has 15 or {len(FULL_NAMES)} parameters, not {given.shape}")
         object.__setattr__(self, "vehicle", read_only(full))
         if not self.sensors:
             raise InputError("plan", "no sensor that the model knows", "map sensors to quantities")

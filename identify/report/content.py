@@ -89,18 +89,15 @@ def _weight_row(weight: BodyWeight | HubWeight) -> tuple[str, ...]:
 def _corrections_table(estimation: Estimation) -> Table:
     """Return what the decays say of the stated uncertainties, each in a unit of its size."""
     box, fit = estimation.box, estimation.fit
-    n = len(box.parameters)
-    sigmas, values = box.prior_sigma[n:].tolist(), fit.eta[n:].tolist()
-    stds = np.sqrt(np.diag(fit.covariance))[n:].tolist()
-    # Factor from SI, and unit; places are in mm.
-    units = {"delay": (1e3, "ms"), "gain": (100.0, "%"), "weight": (1.0, "kg")}
+    stds = np.sqrt(np.diag(fit.covariance))
+    # Factor from SI, and unit, by the kind of correction; places are in mm.
+    units = {"delay": (1e3, "ms"), "gain": (100.0, "%"), "": (1.0, "kg")}
     rows = []
-    for name, sigma, value, std, deviation in zip(
-        box.corrections, sigmas, values, stds, box.deviations(fit.eta), strict=False
-    ):
-        factor, unit = units.get(name.partition(" ")[0], (1e3, "mm"))
-        texts = (f"{sigma * factor:.3g}", f"{value * factor:+.3f}", f"{std * factor:.3f}")
-        rows.append((name, *texts, unit, f"{deviation:+.2f}"))
+    for p, correction in enumerate(box.stated, len(box.parameters)):
+        factor, unit = units.get(correction.kind, (1e3, "mm"))
+        sigma, value, std = factor * correction.sigma, factor * fit.eta[p], factor * stds[p]
+        texts = (f"{sigma:.3g}", f"{value:+.3f}", f"{std:.3f}", unit, f"{value / sigma:+.2f}")
+        rows.append((correction.name, *texts))
     return Table(
         "Stated uncertainties: what the decays say of them",
         ("what", "#stated sigma", "#found off by", "#± sigma", "unit", "#pull, sigma"),

@@ -105,11 +105,6 @@ def _state_matrix(sensed: ModalModel) -> Floats:
 PASS_HZ = 16.0
 """Section 4.3."""
 _N = len(_TABLE3_PERCENT)  # parameters that are not measured
-_ROUTES = {
-    "chain_filtered": f"chain, {PASS_HZ:g} Hz",
-    "chain_unfiltered": "chain, unfiltered",
-    "likelihood": "likelihood",
-}
 
 
 def taps(rate_hz: float) -> Floats:
@@ -207,7 +202,11 @@ def table3_study(campaign: Campaign, attempts: Sequence[Mapping[str, Floats]]) -
         Column("paper_percent", "paper", np.abs(_TABLE3_PERCENT), ".3f"),
     ]
     notes = []
-    for route, label in _ROUTES.items():
+    for route, label in (
+        ("chain_filtered", f"chain, {PASS_HZ:g} Hz"),
+        ("chain_unfiltered", "chain, unfiltered"),
+        ("likelihood", "likelihood"),
+    ):
         error_size = np.abs(np.array([errors[route] for errors in attempts]))
         answered = error_size[~np.isnan(error_size).any(axis=1)]
         median = worst = np.full(_N, np.nan)

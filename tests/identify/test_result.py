@@ -27,7 +27,7 @@ from identify.numbers import (
     rounded,
     with_half,
 )
-from identify.result import hash_of, software_sha256
+from identify.result import software_sha256
 from identify.trust.finding import Loss, Survival
 from identify.words import ends_text, survival_lines, unit_text
 from tests.tui.batches import refused_session
@@ -195,9 +195,9 @@ def test_the_hash_is_over_names_sizes_and_contents_in_order(tmp_path: Path) -> N
         (tmp_path / "p" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "p" / name).write_text(text)
     whole = b"p/a.py\x005\x00x = 1" + b"p/b.py\x001\x00y" + b"p/in/d.toml\x000\x00"
-    assert hash_of([tmp_path / "p"]) == sha256(whole).hexdigest()
+    assert software_sha256([tmp_path / "p"]) == sha256(whole).hexdigest()
     (tmp_path / "p" / "a.py").write_text("x = 2")
-    assert hash_of([tmp_path / "p"]) != sha256(whole).hexdigest()
+    assert software_sha256([tmp_path / "p"]) != sha256(whole).hexdigest()
     assert len(software_sha256()) == 64
 
 

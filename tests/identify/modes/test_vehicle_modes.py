@@ -29,7 +29,7 @@ from identify.modes.modal_model import (
 )
 from identify.modes.mode_selection import (
     SensedModes,
-    modes_of_records,
+    identify_modes,
     sensed_modes,
     vehicle_diagram,
 )
@@ -291,7 +291,7 @@ def test_regression_alone_finds_a_real_pole_beside_a_mode() -> None:
     poles = np.append(oscillators([3.0], [0.05]), -2.0)
     shapes = np.array([[1.0, 1.0], [0.5, -1.0]])
     record = free_decay(poles, shapes, np.array([1.0, 1.5]), 60.0, 3.0)
-    found = modes_of_records(
+    found = identify_modes(
         [record + 1e-3 * rng.standard_normal(record.shape)], 60.0, by_likelihood=False
     )
     assert found.poles.imag.min() == 0.0
