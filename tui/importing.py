@@ -100,9 +100,7 @@ def import_channels(
     """Return the session of the runs in files of channels.
 
     `channel_map`: names the channels, and may state the times of the runs; bumps are then not
-    looked for.  `steps`: labels of the bumps in order.  `skip`: bumps to leave out at the
-    beginning.  `one_run_each`: the first bump of each file is a run, with the step of its file.
-    Raises InputError if no run is in the files.
+    looked for.  The others: as of `import_logs`.  Raises InputError if no run is in the files.
     """
     runs: list[Run] = []
     unread: list[str] = []
