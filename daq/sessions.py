@@ -24,7 +24,6 @@ class Session:
     """A bench session: the complete input of the identification."""
 
     vehicle: Vehicle
-    """The vehicle as far as it is known beforehand."""
     channels: tuple[Channel, ...]
     """All channels of the runs."""
     mass_states: tuple[MassState, ...]

@@ -318,9 +318,7 @@ class Vehicle:
     geometry: VehicleGeometry | None = None
     """The four lengths if they are measured; None: they are identified."""
     structure: Structure = Structure()
-    """Which parameters its model has."""
     facts: tuple[Fact, ...] = ()
-    """Weighed and measured quantities with their uncertainties."""
     elements: Mapping[str, bool] = field(default_factory=dict, hash=False)
     """Elements that `[vehicle.structure]` forces (true) or forbids (false) where a car is not
     linear; the others are chosen by the data."""

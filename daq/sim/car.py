@@ -196,29 +196,20 @@ def true_reading(
     moved = motion.pose - unloaded.rest
     # From the CG, not from the middle of the front axle.
     x_m, y_m = sensor.x_m + float(unloaded.x_m[0, 0]), sensor.y_m - unloaded.cg_left_m
-    wheel = 3 + channel.corner.position if channel.corner is not None else 0
-    match channel.quantity:
-        case Quantity.BODY_ACCELERATION:
-            value = _body_point(motion.acceleration, x_m, y_m) + GRAVITY_M_S2
-        case Quantity.BODY_DISPLACEMENT:
-            value = _body_point(moved, x_m, y_m)
-        case Quantity.PITCH_RATE:
-            value = motion.velocity[1]
-        case Quantity.ROLL_RATE:
-            value = motion.velocity[2]
-        case Quantity.PITCH_ACCELERATION:
-            value = motion.acceleration[1]
-        case Quantity.ROLL_ACCELERATION:
-            value = motion.acceleration[2]
-        case Quantity.HUB_ACCELERATION:
-            value = motion.acceleration[wheel] + GRAVITY_M_S2
-        case Quantity.HUB_DISPLACEMENT:
-            value = moved[wheel]
-        case Quantity.SUSPENSION_TRAVEL:
-            value = moved[wheel] - unloaded.at_corners(moved)[wheel - 3]
-        case Quantity.UNUSED:
-            value = np.zeros(moved.shape[1])
-    return np.asarray(value, dtype=np.float64)
+    wheel = 3 + (channel.corner.position if channel.corner is not None else 0)
+    reading_of = {
+        Quantity.BODY_ACCELERATION: _body_point(motion.acceleration, x_m, y_m) + GRAVITY_M_S2,
+        Quantity.BODY_DISPLACEMENT: _body_point(moved, x_m, y_m),
+        Quantity.PITCH_RATE: motion.velocity[1],
+        Quantity.ROLL_RATE: motion.velocity[2],
+        Quantity.PITCH_ACCELERATION: motion.acceleration[1],
+        Quantity.ROLL_ACCELERATION: motion.acceleration[2],
+        Quantity.HUB_ACCELERATION: motion.acceleration[wheel] + GRAVITY_M_S2,
+        Quantity.HUB_DISPLACEMENT: moved[wheel],
+        Quantity.SUSPENSION_TRAVEL: moved[wheel] - unloaded.at_corners(moved)[wheel - 3],
+        Quantity.UNUSED: np.zeros(moved.shape[1]),
+    }
+    return np.asarray(reading_of[channel.quantity], dtype=np.float64)
 
 
 def _body_point(motion: Array, x_m: float, y_m: float) -> Array:
