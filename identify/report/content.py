@@ -147,12 +147,9 @@ def run_section(session: Session, result: Identification) -> Section:
 def provenance_section(session: Session, result: Identification, source: Source) -> Section:
     """Return the section of hashes, versions, channels and settings."""
     trace = [
-        ("session file", source.name),
-        ("sha256 of the file", source.sha256),
-        ("identified by", f"bumpbench {source.version}"),
-        ("with", ", ".join(f"{name} {version}" for name, version in source.libraries.items())),
+        ("libraries", ", ".join(f"{name} {version}" for name, version in source.libraries.items()))
     ]
-    # The decisions on each run are in the table of the runs.
+    # File, program and their hashes are in the certificate, decisions on runs in that of the runs.
     texts = ("bench_toml", "dbc", "verdicts", "notes", "overrides")
     trace += [(plain(k), v) for k, v in session.provenance.items() if k not in texts]
     trace += [("note", text) for text in notes_of(session.provenance)]

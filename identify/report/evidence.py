@@ -48,18 +48,16 @@ class Trace:
 
 def decay_section(estimation: Estimation) -> Section:
     """Return the section of every run with its fit, a picture each."""
-    pictures = tuple(decay_pictures(estimation))
     gallery = Gallery(
         "Each run: a channel of the body and one of a wheel, with what the fit leaves",
         "Grey: measured. Colour: fitted. The free decay that is fitted has a blue ground; it "
         "begins at the solid line, the motion at the dashed one. Below each, measured less fitted "
         "in units of the sensor's noise: noise alone stays within the grey band 95 % of the time, "
         "and has no shape. The channels shown are those that stand out most from their noise.",
-        pictures,
+        tuple(decay_pictures(estimation)),
     )
-    blocks: tuple[Block, ...] = (gallery,) if pictures else ()
     lead = "The free decay of every run as measured and as the identified vehicle makes it."
-    return Section("decays", "Measured and fitted decays", lead, blocks)
+    return Section("decays", "Measured and fitted decays", lead, (gallery,))
 
 
 def decay_pictures(estimation: Estimation) -> Iterator[Picture]:

@@ -160,12 +160,6 @@ class Report:
     """Every parameter in words, and its value with half of its interval and its unit."""
     sections: tuple[Section, ...]
 
-    @property
-    def pictures(self) -> Iterator[Picture]:
-        """All still pictures, in order."""
-        for section in self.sections:
-            yield from section.pictures
-
 
 # Figures ------------------------------------------------------------------------------------------
 

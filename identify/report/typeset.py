@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from concurrent.futures import Executor, Future
 from datetime import date
 from importlib.resources import files
@@ -59,8 +59,9 @@ def _facts_of_source(report: Report) -> str:
 # HTML ---------------------------------------------------------------------------------------------
 
 
-def drawings(pictures: Iterable[Picture], executor: Executor) -> dict[str, Future[Markup]]:
-    """Start to draw pictures for `html_of`; return the future drawing of each by its key."""
+def drawings(report: Report, executor: Executor) -> dict[str, Future[Markup]]:
+    """Start to draw the pictures for `html_of`; return the future drawing of each by its key."""
+    pictures = (picture for section in report.sections for picture in section.pictures)
     return {picture.key: executor.submit(drawing, picture) for picture in pictures}
 
 

@@ -69,7 +69,7 @@ def write_report(
         stage(0.7, "drawing")
         # The PDF takes longest: it is begun first.
         sheets = None if pdf is None else pool.submit(pdf_of, report)
-        write_named(html, html_of(report, drawings(report.pictures, pool)).encode())
+        write_named(html, html_of(report, drawings(report, pool)).encode())
         written(html)
         if pdf is not None and sheets is not None:
             stage(0.85, "PDF")
@@ -83,7 +83,7 @@ def write_figures(report: Report, folder: Path, kind: str) -> list[Path]:
     from identify.report.cars import still_cars
     from identify.report.page import MovingCars, png_of, svg_of
 
-    pictures = list(report.pictures)
+    pictures = [picture for section in report.sections for picture in section.pictures]
     for section in report.sections:
         moving = [block for block in section.blocks if isinstance(block, MovingCars)]
         pictures += map(still_cars, moving)

@@ -108,10 +108,7 @@ def test_a_trace_names_file_hashes_programs_and_what_persons_wrote() -> None:
     )  # fmt: skip
     section = provenance_section(made, result(), SOURCE)
     assert texts(tables(section)["Trace"]) == [
-        ["session file", "car.h5"],
-        ["sha256 of the file", "ab" * 32],
-        ["identified by", "bumpbench 1.2"],
-        ["with", "numpy 2.1, scipy 1.14"],
+        ["libraries", "numpy 2.1, scipy 1.14"],
         ["uuid", "one"],
         ["software name", "bench"],
         ["note", "baseline_roll_1: rain (AE)"],
