@@ -30,12 +30,10 @@ from .campaign import BenchStep, in_run, is_marked, progress, waits_unarmed
 from .device import THEMES, KeyboardApp
 from .feed import Lanes, Lost, News, RecorderFeed, Role
 from .widgets import Confirm, HelpScreen, LinkScreen, Question
-from .words import Glyphs, Signal, signal_of
+from .words import DisplayLink, Glyphs, Signal, signal_of
 
 if TYPE_CHECKING:
     from daq.bench.config import Bench
-
-    from .words import DisplayLink
 
 RECORDER_GOES_ON = (
     "The recorder goes on. The same command brings you back to where you were;"

@@ -138,9 +138,8 @@ def packed(dots: NDArray[np.bool_], across: int, down: int) -> list[str]:
     `across` and `down`: dots of a character; the canvas has a multiple of them.
     """
     weights, characters = _DOT_SETS[across, down]
-    dot_rows, dot_columns = dots.shape
     # Row and dot down of a character, then its column and dot across.
-    cells = dots.reshape(dot_rows // down, down, dot_columns // across, across)
+    cells = dots.reshape(-1, down, dots.shape[1] // across, across)
     sums = np.einsum("rdca,da->rc", cells, np.array(weights))
     return ["".join(characters[code] for code in row) for row in sums.tolist()]
 

@@ -25,7 +25,6 @@ from ..recorders.process import LOG, failure
 if TYPE_CHECKING:
     from daq.bench.config import Bench
 
-
 RETRY_S = 0.5
 """Seconds between two attempts to connect."""
 NEWS_WAIT_S = 0.25

@@ -38,12 +38,10 @@ class Field:
     reason: str = ""
     help: str = ""
     needed: bool = False
-    """True if the field must not stay empty."""
     choices: tuple[str, ...] = ()
     """The values to choose from; empty for free text."""
     whole: bool = False
     max_length: int = 60
-    """Largest number of characters of a text."""
 
     @property
     def limit(self) -> str:

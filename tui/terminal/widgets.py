@@ -78,11 +78,7 @@ class Table(DataTable[Text]):
             for row in cells:
                 self.add_row(*row)
             self.scroll_to(y=scrolled_rows, animate=False)
-        self.choose(chosen)
-
-    def choose(self, row: int) -> None:
-        """Choose a row and bring it into sight."""
-        self.move_cursor(row=max(0, min(row, self.row_count - 1)))
+        self.move_cursor(row=chosen)
 
 
 _WORD_COLUMNS, _DIGITS_COLUMNS = 9, 10

@@ -121,10 +121,8 @@ def due_words(status: Status) -> str:
     if due is None:
         return ""
     number = due.accepted + 1
-    kind = due.step.excitation.words
-    if number > due.planned:
-        return f"{kind} {number}, {due.planned} planned"
-    return f"{kind} {number} of {due.planned}"
+    of_planned = f", {due.planned} planned" if number > due.planned else f" of {due.planned}"
+    return f"{due.step.excitation.words} {number}{of_planned}"
 
 
 def instruction_words(status: Status) -> str:
@@ -134,8 +132,7 @@ def instruction_words(status: Status) -> str:
 
 def last_judged(status: Status) -> LoggedRun | None:
     """Return the last judged run; None if there is none."""
-    judged = [run for run in status.runs if run.status is not RunStatus.OPEN]
-    return judged[-1] if judged else None
+    return next((run for run in reversed(status.runs) if run.status is not RunStatus.OPEN), None)
 
 
 def count_words(status: Status, run: LoggedRun) -> str:
@@ -206,7 +203,6 @@ class Banner:
     """`armed`, `moving`, `good`, `bad` or `quiet`: chooses the colour."""
     symbol: str
     word: str
-    """The state in one word."""
     title: str
     """Action of SPACE, and the run: after symbol and word, so that no terminal cuts off the key."""
     event: str

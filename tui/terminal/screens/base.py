@@ -111,7 +111,7 @@ class BenchScreen(Screen[None]):
 
     def mark_row(self, row: int) -> None:
         """Mark a row of the screen's table, and show the actions on it."""
-        self.query_one(Table).choose(row)
+        self.query_one(Table).move_cursor(row=max(0, row))
         self._show()
 
     @on(ScreenResume)
@@ -160,10 +160,7 @@ class SessionScreen(BenchScreen):
 
 
 def step_line(status: Status | None, here: BenchStep | None, good: str) -> Content:
-    """Return the steps: the finished ones are marked, that of the screen is in brackets.
-
-    `here`: step of the screen; None if it has none.  `good`: mark of a finished step.
-    """
+    """Return the steps: finished ones marked by `good`, that of the screen, `here`, in brackets."""
     so_far = progress(status)
     styled_texts: list[tuple[str, str] | str] = []
     for step in BenchStep:

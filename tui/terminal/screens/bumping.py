@@ -38,10 +38,7 @@ from .base import MARK_KEYS, BenchScreen
 
 
 def tally_rows(status: Status, glyphs: Glyphs) -> list[list[Cell]]:
-    """Return a row for each kind of bump: its name, a bar, accepted of planned runs, rejected ones.
-
-    The kind that is due is marked.
-    """
+    """Return name, bar, accepted and rejected runs of each kind of bump; the due one is marked."""
     due_step = status.due.step if status.due else None
     due_kind = (due_step.mass_state, due_step.excitation) if due_step else None
     rows: list[list[Cell]] = []

@@ -21,7 +21,6 @@ from daq.control.messages import AskCheck, Mark, OverrideWarning, Phase, Status
 from dbc.words import Finding, printable
 
 from ..campaign import BenchStep
-from ..feed import KEPT_S
 from ..widgets import SPACE_INK, Cell, Question, Table, Words
 from .base import MARK_KEYS, BenchScreen
 
@@ -392,8 +391,7 @@ class CheckScreen(BenchScreen):
             return
         bin_s, end_bin = app.lanes.bin_s, app.lanes.end_bin
         # From the begin, however late this screen gets its turn: a push is over in a second.
-        oldest_bin = end_bin - round(KEPT_S / bin_s)
-        begin_bin = max(self._push_begin_bin, oldest_bin)
+        begin_bin = self._push_begin_bin
         n_rest = round(10.0 / bin_s)  # 10 s of bins before a push give the level at rest
         first_bin, n_bins = begin_bin - n_rest, end_bin - begin_bin + n_rest
         channels = app.bench.channels

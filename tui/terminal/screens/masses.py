@@ -244,16 +244,13 @@ class MassesScreen(BenchScreen):
         heads = ("#", "bolted", "place", "kg", "± kg", "x m", "y m", "height m")
         self.query_one(Table).show(heads, rows or [["", "no weight: A adds one"]])
         total = Content(f"together {sum(weight.mass_kg for weight in self._weights):.4g} kg")
-        self.query_one("#due", Words).say(Content("\n").join([self._next_line(), total]))
-
-    def _next_line(self) -> Content:
-        """Return what is wrong with the weights, or what the next key does."""
-        if self._error and not self.lost_words:
-            return Content.styled(f"{self.bench_app.glyphs.bad} {self._error}", "bold $error")
-        words = "SPACE = all are bolted: go on to step 5 Added"
+        next_words = "SPACE = all are bolted: go on to step 5 Added"
         if self._loose_rows:
-            words = f"SPACE = weight {self._loose_rows[0] + 1} is bolted"
-        return Content.styled(self.lost_words or words, SPACE_INK)
+            next_words = f"SPACE = weight {self._loose_rows[0] + 1} is bolted"
+        next_line = Content.styled(self.lost_words or next_words, SPACE_INK)
+        if self._error and not self.lost_words:
+            next_line = Content.styled(f"{app.glyphs.bad} {self._error}", "bold $error")
+        self.query_one("#due", Words).say(Content("\n").join([next_line, total]))
 
     def _change(self, row: int, *replacement: Entry) -> None:
         """Replace the entry in a row, add one after the last, or remove it without another."""

@@ -49,9 +49,8 @@ def verdict_lines(outcome: Outcome, glyphs: Glyphs, width: int, most_lines: int)
     for finding in reasons or quality.findings:
         lines += finding_lines(finding, glyphs, width)
     if not quality.findings:
-        lines += wrap(
-            words.MEANING[verdict], width - 2, initial_indent="  ", subsequent_indent="  "
-        )
+        meaning = words.MEANING[verdict]
+        lines += wrap(meaning, width - 2, initial_indent="  ", subsequent_indent="  ")
     if len(lines) > most_lines:
         left_out = counted(len(lines) - most_lines + 1, "more line")
         lines = [*lines[: most_lines - 1], f"  ... {left_out}: Tab to Findings"]
@@ -201,10 +200,9 @@ class ResultsScreen(SessionScreen):
         page = self.query_one(TabbedContent).active
         if page == "runs":
             runs = self.query_one("#runs-table", Table)
-            runs.choose(runs.cursor_row + direction)
+            runs.move_cursor(row=max(0, runs.cursor_row + direction))
         else:
-            widget = self.query_one(f"#{page} > *")
-            widget.scroll_relative(y=2 * direction, animate=False)
+            self.query_one(f"#{page} > *").scroll_relative(y=2 * direction, animate=False)
 
     async def action_exclude(self) -> None:
         """Reject the marked run of this recording, or take it back, and identify again."""

@@ -25,7 +25,6 @@ from ..widgets import SPACE_INK, Words
 from .base import BenchScreen
 
 DRAFT = "draft_vehicle.json"
-USUAL_SIGMA = {"kg": 1.0, "m": 0.003}
 _CAR_KG = "from a formula car to a loaded van"
 _TYRES = "tyre middle to tyre middle"
 _FACTS = {
@@ -127,7 +126,8 @@ def vehicle_values(bench: Bench, operator: str) -> dict[str, str]:
     for name, (_, unit, *_) in _FACTS.items():
         fact = facts.get(name)
         values[str(name)] = f"{fact.value:.10g}" if fact else ""
-        values[f"{name}.sigma"] = f"{fact.sigma if fact else USUAL_SIGMA[unit]:.10g}"
+        usual_sigma = 1.0 if unit == "kg" else 0.003
+        values[f"{name}.sigma"] = f"{fact.sigma if fact else usual_sigma:.10g}"
     for flag in _FLAGS:
         values[f"flag.{flag}"] = YES if getattr(bench.vehicle.structure, flag) else NO
     for excitation in Excitation:

@@ -324,9 +324,8 @@ class ReportScreen(WorkScreen):
 
     def subject_lines(self, status: Status) -> list[str]:
         """Return the session file."""
-        if not self.session:
-            return ["no session file yet"]
-        return [f"Session {printable(Path(self.session).name)}"]
+        name = printable(Path(self.session).name)
+        return [f"Session {name}" if self.session else "no session file yet"]
 
     def idle_lines_and_keys(self) -> tuple[list[str], str]:
         """Return the files that were written, and the next keys."""
