@@ -87,7 +87,7 @@ class RecorderFeed:
         self._client: Client | None = None
         self._awaited_since_s = 0.0
         """Monotonic time since which a recorder may be starting, s; -inf once it has answered."""
-        self._post: Callable[[News], None] | None = None
+        self._post: Callable[[News], None] = lambda news: None  # until `start`
         self._posted_loss: Lost | None = None
         """The posted loss; None while the recorder answers, or while a loss is yet to be posted."""
         self._thread: threading.Thread | None = None
@@ -100,7 +100,7 @@ class RecorderFeed:
     def start(self, post: Callable[[News], None]) -> None:
         """Begin to post news, from a thread, until `stop`."""
         self._post, self._awaited_since_s = post, time.monotonic()
-        self._thread = threading.Thread(target=self._listen, args=(post,), name="news", daemon=True)
+        self._thread = threading.Thread(target=self._listen, name="news", daemon=True)
         self._thread.start()
 
     async def ask(self, order: Order) -> Reply:
@@ -143,7 +143,7 @@ class RecorderFeed:
             raise OrderRefusedError(str(error)) from error
         # Until STARTUP_S have passed no loss is posted; then it is, also if one was posted before.
         self._awaited_since_s, self._posted_loss = time.monotonic(), None
-        if self._client is None and self._post is not None:
+        if self._client is None:
             self._post(STARTING)
 
     def stop(self) -> None:
@@ -152,7 +152,7 @@ class RecorderFeed:
         if self._thread is not None:
             self._thread.join(5.0)
 
-    def _listen(self, post: Callable[[News], None]) -> None:
+    def _listen(self) -> None:
         """Connect, post the news, and connect again, until stopped."""
         while not self._stop.is_set():
             try:
@@ -161,24 +161,24 @@ class RecorderFeed:
                 loss = self._loss_of(error)
                 # A recorder that has just been started is not lost yet.
                 if self._posted_loss is None and not self._is_starting():
-                    post(loss)
+                    self._post(loss)
                     self._posted_loss = loss
                 self._stop.wait(RETRY_S)
                 continue
             self._posted_loss, self._awaited_since_s = None, float("-inf")
             self._client = client  # before the news, to which the terminal replies with requests
-            post(role)
+            self._post(role)
             if client.setup is not None:
-                post(client.setup)
+                self._post(client.setup)
             if client.first_status is not None:  # the next one comes in up to 0.1 s
-                post(client.first_status)
-            end_text = self._post_news(client, post)
+                self._post(client.first_status)
+            end_text = self._post_news(client)
             self._client = None
             client.close()
             if end_text:
                 reason = self._failure_text() or end_text
                 self._posted_loss = Lost(reason, "all frames up to then are on the disk")
-                post(self._posted_loss)
+                self._post(self._posted_loss)
 
     def _loss_of(self, error: BumpbenchError) -> Lost:
         """Return why there is no connection: none runs, ours failed, or it cannot be reached."""
@@ -211,7 +211,7 @@ class RecorderFeed:
             return Client(address, self._name, control=False), Role(False, str(error))
         return client, Role(self._control)
 
-    def _post_news(self, client: Client, post: Callable[[News], None]) -> str:
+    def _post_news(self, client: Client) -> str:
         """Post news until the recorder is silent; return what happened, or '' if stopped."""
         silent_s, in_control = 0.0, client.in_control
         while not self._stop.is_set() and not self._reconnect.is_set():
@@ -221,12 +221,12 @@ class RecorderFeed:
                 return "the recorder has ended"
             silent_s = silent_s + NEWS_WAIT_S if news is None else 0.0
             if news is not None:
-                post(news)
+                self._post(news)
             elif silent_s >= SILENT_S:
                 return f"the recorder has been silent for {SILENT_S:g} s"
             if in_control and not client.in_control:
                 in_control = False
-                post(Role(False, "another terminal has taken control: C takes it back"))
+                self._post(Role(False, "another terminal has taken control: C takes it back"))
         return ""
 
 

@@ -50,11 +50,6 @@ class CheckRow:
         return self.state == WARN and not self.overridden
 
 
-def push_words(corner: Corner, result: PushResult | None) -> str:
-    """Return what the person at the car does now; without a result: push the corner."""
-    return result.text if result else f"push DOWN at the {spoken(corner)}, let go"
-
-
 def push_subject(corner: str) -> str:
     """Return the subject of the line on a corner."""
     return f"push {corner}"
@@ -213,7 +208,8 @@ class CheckScreen(BenchScreen):
         if reason is not None:
             return CheckRow(WARN, subject, f"skipped: {reason}", overridden=True)
         if corner is self._corner:
-            return CheckRow(NOW, subject, push_words(corner, result))
+            text = result.text if result else f"push DOWN at the {spoken(corner)}, let go"
+            return CheckRow(NOW, subject, text)
         if result is None:
             return CheckRow(WAIT, subject, spoken(corner))
         return CheckRow(OK if result.passed else FAIL, subject, result.text, result.advice)
@@ -263,7 +259,7 @@ class CheckScreen(BenchScreen):
         if self.lost_words:
             return self.lost_words, None
         if corner is not None:
-            words = push_words(corner, self._push_results.get(corner))
+            words = self._push_row(corner, None).text
             waited_s = (app.lanes.end_bin - self._push_begin_bin) * app.lanes.bin_s
             remaining_s = max(0.0, _ASK_AGAIN_S - waited_s)
             return f"{words[:1].upper()}{words[1:]}, {remaining_s:.0f} s left", None
