@@ -53,7 +53,7 @@ def recording(channel_map: ChannelMap, file: Columns) -> Recording:
     Channels of one clock that have values in the same rows are one group of samples.  Raises
     InputError if a unit does not fit, or a channel has no increasing times.
     """
-    start_ns = file.start_ns
+    columns_start_ns = 0  # zero of the first clock of columns that counts from 1970, if any
     channels = []
     # By clock and mask of the rows with values: the times, and the values by channel.
     sampled: dict[
@@ -65,12 +65,15 @@ def recording(channel_map: ChannelMap, file: Columns) -> Recording:
         channel = stated.channel(si.unit)
         channels.append(channel)
         clock, time_s, zero_ns = _clock_of(channel, column, channel_map.clock(stated), file)
-        start_ns = zero_ns or start_ns
+        if zero_ns:
+            columns_start_ns = columns_start_ns or zero_ns
+            time_s = time_s + (zero_ns - columns_start_ns) * 1e-9
         raw = np.asarray(column.values, np.float64)
         value = channel_values(channel, si.factor, si.offset, raw)
         rows = np.isfinite(time_s) & np.isfinite(value)
         _, values = sampled.setdefault((clock, rows.tobytes()), (time_s[rows], {}))
         values[channel.name] = value[rows]
+    start_ns = columns_start_ns or file.start_ns
     clocks = [clock for clock, _ in sampled]
     groups = []
     for clock, (time_s, values) in zip(clocks, sampled.values(), strict=True):

@@ -236,6 +236,18 @@ def test_the_trigger_finds_the_bumps(tmp_path: Path) -> None:
     )
 
 
+def test_clocks_that_begin_in_different_seconds_since_1970_stay_together(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("t,fl,u,fr\n1700000000.75,0.75,1700000001.25,1.25\n")
+    front_left = f'{HUB}signal_unit = "m/s2"\ntime_column = "t"\n'
+    front_right = front_left.replace("fl", "fr").replace("FL", "FR").replace('"t"', '"u"')
+    known = mapped(path, front_left + front_right)
+    for group in recording(known, read_columns(path, known.columns)).groups:
+        (value,) = group.values.values()
+        assert group.time_s == value
+        assert group.t_ns - 1_700_000_000_000_000_000 == 1e9 * value
+
+
 @pytest.mark.parametrize(
     ("text", "why"),
     [
