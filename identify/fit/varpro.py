@@ -244,8 +244,8 @@ def linear_coefficients(point: StateModel, decay: FreeDecay) -> tuple[Real, ...]
 
 def pseudo_inverse(normal: Real) -> Real:
     """Return inverses of normal matrices, (.., n, n); zero in directions that no data determine."""
-    # A diagonal element of zero has no inverse.
-    scale = 1 / np.sqrt(np.maximum(np.diagonal(normal, axis1=-2, axis2=-1), 1e-300))
+    diagonal = np.diagonal(normal, axis1=-2, axis2=-1)
+    scale = np.where(diagonal > 0.0, np.where(diagonal > 0.0, diagonal, 1.0) ** -0.5, 0.0)
     scales = scale[..., :, None] * scale[..., None, :]
     # Directions below 1e-12 of the strongest are not observed.
     return np.asarray(np.linalg.pinv(normal * scales, 1e-12, hermitian=True) * scales)

@@ -106,6 +106,9 @@ _LAST_KNOTS, _POLISHED_KNOTS = KNOTS["K21"], KNOTS["K37"]
 of a car with solid axles was up to 3 off."""
 _STAGE_STEPS, _LAST_STEPS, _POLISH_STEPS = 25, 40, 25
 """Largest numbers of steps of an early stage, of the last one and of the polish."""
+_FAR_CHI2 = 10.0
+"""chi2/n of a first stage from which later stages do not come down to the noise (8.2 became 0.99,
+17.6 did not)."""
 _SEARCH_PART = 0.7
 """Part of the time after which the search ends; the polish has the rest."""
 
@@ -151,29 +154,29 @@ def release(
     first_groups = tuple(name for name in STAGES[0] if allowed(name))
     next_attempts = iter(attempts)
     whole_attempt: Attempt | None = None
-    # Ends of the first stage that are not followed yet, and of all stages; each begins with chi2/n.
-    first_ends: list[tuple[float, Optimum, Attempt]] = []
+    # Ends of the first stage that are not followed yet, and of all stages; each begins with chi2/n,
+    # and has the groups in it.
+    first_ends: list[tuple[float, Optimum, Attempt, tuple[str, ...]]] = []
     last_ends: list[tuple[float, Optimum, Attempt, tuple[str, ...]]] = []
     is_over = clock.limit(_SEARCH_PART, "other starts of the search")
     while len(last_ends) < 3:  # attempts that are followed through the later stages
-        # From a first stage that ends higher, later stages do not come down to the noise (8.2
-        # became 0.99, 17.6 did not).
-        while all(_chi2(first_end) >= 10.0 for _, first_end, _ in first_ends):
+        while all(_chi2(first_end) >= _FAR_CHI2 for _, first_end, _, _ in first_ends):
             attempt = None if first_ends and is_over() else next(next_attempts, None)
             if attempt is None:
                 break
             whole_attempt = whole_attempt or attempt  # the first one leaves nothing out
-            first_end = search.first_stage(model, attempt, first_groups)
-            if first_end is not None:
+            first = search.first_stage(model, attempt, first_groups)
+            if first is not None:
+                first_end, groups = first
                 # A first stage that leaves out the beginnings ends three times lower from any
                 # start, because stops and lift-off are not in it.
                 likely_chi2 = _chi2(first_end) * (3.0 if attempt.skipped_s > 0.0 else 1.0)
-                first_ends.append((likely_chi2, first_end, attempt))
+                first_ends.append((likely_chi2, first_end, attempt, groups))
                 first_ends.sort(key=lambda entry: entry[0])
         if not (first_ends and whole_attempt):
             break
-        _, first_end, attempt = first_ends.pop(0)
-        best, groups = search.later_stages(first_end, first_groups)
+        _, first_end, attempt, groups = first_ends.pop(0)
+        best, groups = search.later_stages(first_end, groups)
         if attempt.skipped_s > 0.0:
             best, attempt = search.with_beginnings(best, attempt, whole_attempt)
             best, groups = search.with_joining_groups(best, groups)
@@ -215,15 +218,31 @@ class _Search:
 
     def first_stage(
         self, model: Model, attempt: Attempt, groups: tuple[str, ...]
-    ) -> Optimum | None:
-        """Return the end of the first stage from a linear start; None without a finite path."""
+    ) -> tuple[Optimum, tuple[str, ...]] | None:
+        """Return the end of the first stage from a linear start, and the groups in it.
+
+        Where it is far from the noise, stops are touched: they join before the elements that would
+        imitate them.  None without a finite path.
+        """
         eta = attempt.eta.copy()
         centre, prior = weak_priors(model, eta)
         if "friction" in groups:
             eta[_size_positions(model, "friction")] = 15.0 / 50.0  # N, of 50 N a unit
         problem = Problem(model, attempt.searched, centre, prior, positions(model, groups, False))
         initials = attempt.initials(model, attempt.eta)
-        return self._stage(groups, problem, eta, initials, _STAGE_STEPS, _ROUGH)
+        end = self._stage(groups, problem, eta, initials, _STAGE_STEPS, _ROUGH)
+        if end is None:
+            return None
+        is_far = _chi2(end) >= _FAR_CHI2 and self.allowed("bump_stops")
+        stops = begin_stops(end) if is_far else None
+        if stops is not None:
+            with_stops = (*groups, "bump_stops")
+            released = replace(problem, free=positions(model, with_stops, False))
+            names, initials = ("bump_stops",), end.point.initials
+            later = self._stage(names, released, stops, initials, _STAGE_STEPS, _ROUGH)
+            if later is not None and later.cost < end.cost:
+                return later, with_stops
+        return end, groups
 
     def later_stages(
         self, best: Optimum, groups: tuple[str, ...]
@@ -235,9 +254,10 @@ class _Search:
         """
         for stage in STAGES[1:]:
             is_last = stage == STAGES[-1]
-            with_stage = groups + tuple(name for name in stage if self.allowed(name))
+            new = tuple(name for name in stage if self.allowed(name) and name not in groups)
+            with_stage = groups + new
             starts = [(with_stage, best.eta)]
-            stops = begin_stops(best) if "bump_stops" in with_stage else None
+            stops = begin_stops(best) if "bump_stops" in new else None
             if stops is not None:
                 starts.insert(0, (with_stage, stops))
             problem = best.point.problem
