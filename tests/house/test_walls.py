@@ -108,9 +108,9 @@ def test_nothing_listens_through_a_notifier() -> None:
 
 
 def test_the_house_does_not_grow() -> None:
-    """On the way to 45,000 lines in 300 files, tests to 50,000 in 250: lower it as it shrinks."""
+    """At most 45,000 lines of source and 50,000 of tests, in fewer files than 300 and 250."""
     tests = sorted(ROOT.glob("tests/**/*.py"))
-    for paths, most_lines, most_files in ((SOURCES, 47_800, 205), (tests, 50_000, 223)):
+    for paths, most_lines, most_files in ((SOURCES, 45_000, 205), (tests, 50_000, 223)):
         lines = sum(len(path.read_text("utf-8").splitlines()) for path in paths)
         assert (lines <= most_lines, len(paths) <= most_files) == (True, True), lines
 

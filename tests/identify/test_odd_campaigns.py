@@ -80,10 +80,7 @@ def test_a_mistyped_weight_of_a_car_with_friction_is_named_without_a_long_search
 def test_right_weights_of_a_car_with_stops_and_friction_are_not_called_mistyped(
     identified: Callable[[int, int], FleetCase], number: int, seed: int
 ) -> None:
-    """Another mass explains half of the surplus of the first car, six times that of the second.
-
-    The surplus of the third is 7 % of what its runs without weights leave.
-    """
+    """Another mass explains half of the first one's surplus; that of the third is 7 %."""
     car = identified(number, seed)
     assert car.verdict != "refused"
     assert car.worst_percent < 3.0
