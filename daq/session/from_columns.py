@@ -50,15 +50,14 @@ class Recording:
 def recording(channel_map: ChannelMap, file: Columns) -> Recording:
     """Return the channels of a map that a file holds, in SI.
 
-    Channels of one clock that have values in the same rows are one group of samples.  Raises
-    InputError if a unit does not fit, or a channel has no increasing times.
+    Channels of one clock whose values stand in the same rows, but for a tenth of them, are one
+    group of samples; a value that one of them lacks is NaN.  Raises InputError if a unit does not
+    fit, or a channel has no increasing times.
     """
     columns_start_ns = 0  # zero of the first clock of columns that counts from 1970, if any
     channels = []
-    # By clock and mask of the rows with values: the times, and the values by channel.
-    sampled: dict[
-        tuple[str, bytes], tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]
-    ] = {}
+    # Of each group: clock, times and values by channel; all have an entry for each row.
+    sampled: list[tuple[str, NDArray[np.float64], dict[str, NDArray[np.float64]]]] = []
     for stated in channel_map.channels:
         column = file.columns[stated.signal]
         si = si_unit(stated, column.unit, file.where)
@@ -70,13 +69,18 @@ def recording(channel_map: ChannelMap, file: Columns) -> Recording:
             time_s = time_s + (zero_ns - columns_start_ns) * 1e-9
         raw = np.asarray(column.values, np.float64)
         value = channel_values(channel, si.factor, si.offset, raw)
-        rows = np.isfinite(time_s) & np.isfinite(value)
-        _, values = sampled.setdefault((clock, rows.tobytes()), (time_s[rows], {}))
-        values[channel.name] = value[rows]
+        for other_clock, _, values in sampled:
+            if clock == other_clock and _in_the_same_rows(value, next(iter(values.values()))):
+                values[channel.name] = value
+                break
+        else:
+            sampled.append((clock, time_s, {channel.name: value}))
     start_ns = columns_start_ns or file.start_ns
-    clocks = [clock for clock, _ in sampled]
+    clocks = [clock for clock, _, _ in sampled]
     groups = []
-    for clock, (time_s, values) in zip(clocks, sampled.values(), strict=True):
+    for clock, row_s, values in sampled:
+        rows = np.isfinite(list(values.values())).any(axis=0) & np.isfinite(row_s)
+        time_s = row_s[rows]
         name = f"{clock} {next(iter(values))}" if clocks.count(clock) > 1 else clock
         if np.any(not_later := np.diff(time_s) <= 0.0):
             last_s = time_s[:-1][not_later][0]
@@ -87,10 +91,18 @@ def recording(channel_map: ChannelMap, file: Columns) -> Recording:
         t_ns = start_ns + np.rint(time_s * 1e9).astype(np.int64)
         if len(time_s):
             quality = np.zeros(len(time_s), np.uint8)
-            groups.append(SampleGroup(name.replace("/", "_"), time_s, t_ns, values, quality))
+            in_rows = {channel: value[rows] for channel, value in values.items()}
+            groups.append(SampleGroup(name.replace("/", "_"), time_s, t_ns, in_rows, quality))
     name_in_file = group_names([group.name for group in groups])
     named_groups = tuple(replace(group, name=name_in_file[group.name]) for group in groups)
     return Recording(start_ns, tuple(channels), named_groups)
+
+
+def _in_the_same_rows(value: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+    """Return whether at most a tenth of the rows with a value have one of only one column."""
+    has_value, has_other = np.isfinite(value), np.isfinite(other)
+    n_both = np.count_nonzero(has_value & has_other)
+    return bool(n_both >= 0.9 * np.count_nonzero(has_value | has_other))
 
 
 def _clock_of(
