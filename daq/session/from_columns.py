@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dbc.codec import Quality
 from dbc.units import known_si
 from dbc.words import InputError, counted, printable
 
@@ -51,8 +52,8 @@ def recording(channel_map: ChannelMap, file: Columns) -> Recording:
     """Return the channels of a map that a file holds, in SI.
 
     Channels of one clock whose values stand in the same rows, but for a tenth of them, are one
-    group of samples; a value that one of them lacks is NaN.  Raises InputError if a unit does not
-    fit, or a channel has no increasing times.
+    group of samples; a value that one of them lacks is NaN, and its row is marked.  Raises
+    InputError if a unit does not fit, or a channel has no increasing times.
     """
     columns_start_ns = 0  # zero of the first clock of columns that counts from 1970, if any
     channels = []
@@ -79,7 +80,8 @@ def recording(channel_map: ChannelMap, file: Columns) -> Recording:
     clocks = [clock for clock, _, _ in sampled]
     groups = []
     for clock, row_s, values in sampled:
-        rows = np.isfinite(list(values.values())).any(axis=0) & np.isfinite(row_s)
+        has_value = np.isfinite(list(values.values()))  # (n_channels, n_rows)
+        rows = has_value.any(axis=0) & np.isfinite(row_s)
         time_s = row_s[rows]
         name = f"{clock} {next(iter(values))}" if clocks.count(clock) > 1 else clock
         if np.any(not_later := np.diff(time_s) <= 0.0):
@@ -90,7 +92,8 @@ def recording(channel_map: ChannelMap, file: Columns) -> Recording:
             )
         t_ns = start_ns + np.rint(time_s * 1e9).astype(np.int64)
         if len(time_s):
-            quality = np.zeros(len(time_s), np.uint8)
+            is_whole = has_value[:, rows].all(axis=0)
+            quality = np.where(is_whole, 0, Quality.MISSING).astype(np.uint8)
             in_rows = {channel: value[rows] for channel, value in values.items()}
             groups.append(SampleGroup(name.replace("/", "_"), time_s, t_ns, in_rows, quality))
     name_in_file = group_names([group.name for group in groups])

@@ -319,6 +319,7 @@ def test_channels_that_have_values_in_the_same_rows_are_one_group(missing: int) 
         assert names == (["table fl", "table fr"] if missing > 1 else ["table"])
         found = [v for group in groups for v in group.values.values()]
         assert [np.isfinite(v).sum() for v in found] == [np.isfinite(v).sum() for v in pair]
+        assert {int(group.quality[0]) for group in groups} == {32 if missing == 1 else 0}
     (group,) = _groups(holed, holed)
     assert group.time_s.tolist() == list(range(missing, 10))
 
