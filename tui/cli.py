@@ -76,7 +76,10 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def _bumpbench(
     _version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print it.")
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
     ] = False,
 ) -> None:
     """Bump tests over CAN: every physical parameter of a 7-DOF vehicle, with intervals."""

@@ -170,7 +170,9 @@ class Watch:
         """
         now_s, batch, bits = cycle.now.monotonic_s, cycle.batch, wire_bits(cycle.batch)
         earlier = {bus.link.name: bus for bus in self._bus_watches}
-        self._bus_watches = [earlier.get(each.name, BusWatch(each, now_s)) for each in cycle.links]
+        self._bus_watches = [
+            earlier.get(each.name) or BusWatch(each, now_s) for each in cycle.links
+        ]
         for number, (link, bus) in enumerate(zip(cycle.links, self._bus_watches, strict=True)):
             on_bus = batch.bus == number
             of_bus = batch if on_bus.all() else batch.select(on_bus.nonzero()[0])

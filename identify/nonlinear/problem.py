@@ -343,7 +343,7 @@ def _block(point: Point, run: Run, car: Car, initial: InitialState, predicted: P
     size = jacobian[0].shape[2]
     n_own = size - len(point.problem.free)
     normal, right = np.zeros((size, size)), np.zeros(size)
-    with np.errstate(over="ignore", invalid="ignore"):  # `Normal.finite` tells
+    with np.errstate(over="ignore", invalid="ignore"):  # see `Normal.finite`
         for J, residuals in zip(jacobian, predicted.residuals, strict=True):
             rows = J.reshape(-1, size)
             normal += rows.T @ rows

@@ -52,7 +52,7 @@ TABLE = {
     "gain": Cause("gain of {}", of_bench=True),
     "turn": Cause("IMU turned about z", _TURN_ADVICE, of_bench=True),
 }
-"""What a linear model may lack, without sizes."""
+"""Effects that a linear model may lack, without their sizes."""
 
 _LEAST_CHANGE = 0.02
 """Relative change of a parameter from which runs, or the small motion, disagree."""

@@ -41,7 +41,7 @@ def record(
     channel: InterfaceChannel = None,
     keep_on: Annotated[bool, Option("--keep-on", help="Go on after a campaign: a daemon.")] = False,
     idle: Annotated[bool, Option("--idle", help="Arm nothing: a terminal gives orders.")] = False,
-    log: Annotated[Path | None, Option(help="Log to write; default: stderr.")] = None,
+    log: Annotated[Path | None, Option(help="Log to this file; default: stderr.")] = None,
     display: DisplayAt = None,
     control: DisplayControl = False,
     json: JsonResult = False,
@@ -122,7 +122,7 @@ def display(
     address: DisplayAt = "here",
     control: DisplayControl = False,
     operator: Operator = "",
-    json: Annotated[bool, Option("--json", help="Link as JSON; end with standard input.")] = False,
+    json: Annotated[bool, Option("--json", help="Link as JSON; ends with stdin.")] = False,
 ) -> int:
     """Show the state of a folder's recorder in one word that fills a screen.
 
@@ -162,7 +162,7 @@ def display(
 
 def recover(
     journal: Annotated[list[Path], Argument(help="Segments *.bbj, or their folders.")],
-    out: Annotated[Path | None, Option(help="Session or folder; default: by the journal.")] = None,
+    out: Annotated[Path | None, Option(help="File or folder; default: beside the journal.")] = None,
     force: Force = False,
     json: JsonResult = False,
 ) -> int:

@@ -51,9 +51,7 @@ def played(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
     return partial(play, monkeypatch)
 
 
-def test_each_stage_is_fitted_as_finely_as_the_next_one_needs(
-    played: Callable[..., Any],
-) -> None:
+def test_each_stage_is_as_fine_as_the_next_one_needs(played: Callable[..., Any]) -> None:
     script = Script([3.0, 2.0, 1.1, 1.0])
     (best, chosen), given = played(script, [attempt("a"), attempt("b")])
     assert (chosen, given) == ((), ["a"])
@@ -94,9 +92,7 @@ def test_friction_begins_at_15_newtons_in_the_first_stage(played: Callable[..., 
     assert plain.asked[0].eta["F_cf"] == 0.0
 
 
-def test_the_last_stage_and_the_polish_know_curves_by_more_knees(
-    played: Callable[..., Any],
-) -> None:
+def test_the_last_stage_and_the_polish_know_more_knees(played: Callable[..., Any]) -> None:
     script = Script([3.0, 2.0, 1.1, 1.0])
     played(script, [attempt("a")], of("damper_knees"))
     assert [len(one.knots) for one in script.asked] == [3, 3, 21, 37]
@@ -164,14 +160,22 @@ def test_a_stop_begins_where_it_gains_more_than_chance(
     assert (script.asked[2].eta["k_bf"] == 0.8) is begins
 
 
-def test_stops_that_lead_astray_are_fitted_from_nothing_again(
-    played: Callable[..., Any],
-) -> None:
+def test_stops_that_lead_astray_begin_without_a_rate(played: Callable[..., Any]) -> None:
     """From 2.0, the stage ends at 2.5 with them; then they begin without a rate."""
     script = Script([3.0, 2.0, 2.5, 1.1, 1.0])
     (_, chosen), _ = played(script, [attempt("a")], of("bump_stops"), stops({0.033: (90.0, 90.0)}))
     assert chosen == ("bump_stops",)
     assert [one.eta["k_bf"] for one in script.asked] == [0.0, 0.0, 0.8, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(("end", "joins"), [(9.9, False), (10.1, True)])
+def test_stops_join_at_once_where_the_first_stage_ends_far_from_the_noise(
+    end: float, joins: bool, played: Callable[..., Any]
+) -> None:
+    script, allowed = Script([end, 5.0, 1.1, 1.0, 1.0]), of("bump_stops", "tyre_damping")
+    (_, chosen), _ = played(script, [attempt("a")], allowed, stops({0.033: (90.0, 6.0)}))
+    assert ("k_bf" in script.asked[1].free, "c_tf" in script.asked[1].free) == (joins, not joins)
+    assert sorted(chosen) == ["bump_stops", "tyre_damping"]
 
 
 def gain_by(kind: str, gain: tuple[float, float], size: tuple[float, float]) -> Callable[..., Any]:
@@ -397,9 +401,7 @@ def test_no_start_with_a_path_is_no_result(played: Callable[..., Any]) -> None:
     assert played(Script([]), [])[0] is None
 
 
-@pytest.mark.parametrize(
-    ("late", "followed"), [(5.2, "b"), (5.4, "a")], ids=["nearer", "only easier"]
-)
+@pytest.mark.parametrize(("late", "followed"), [(5.2, "b"), (5.4, "a")])
 def test_a_start_that_leaves_out_the_beginning_counts_three_times_what_it_leaves(
     late: float, followed: str, played: Callable[..., Any]
 ) -> None:
@@ -420,9 +422,7 @@ def test_the_next_start_is_followed_where_the_first_ends_between_noise_and_nonse
     assert best.point.problem.runs[0].label == ("b whole 0" if more else "a whole 0")
 
 
-def test_three_starts_are_followed_at_most_and_the_lowest_end_is_polished(
-    played: Callable[..., Any],
-) -> None:
+def test_three_starts_are_followed_and_the_lowest_is_polished(played: Callable[..., Any]) -> None:
     firsts = [11.0, 12.0, 13.0, 14.0]
     script = Script([*firsts, 4.0, 4.0, 3.0, 3.0, 5.0, 5.0, 1.0])
     (best, _), given = played(script, [attempt(name) for name in "abcd"])
