@@ -66,8 +66,8 @@ class RecordingInfo:
 
     @property
     def ended(self) -> bool:
-        """True if its recorder ended it; else a recorder may resume it."""
-        return any(event.code == ENDED for event in self.events)
+        """True if its recorder ended it; else, or if events follow, a recorder may resume it."""
+        return any(event.code == ENDED for event in self.events[-1:])
 
     @property
     def bumps(self) -> int:

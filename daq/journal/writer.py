@@ -171,7 +171,7 @@ class JournalWriter:
     def maintain(self, monotonic_s: float) -> None:
         """Check disk and files; to be called with every block, and ten times per second if idle."""
         if self._checked_s == -inf:  # the first call
-            self._opened_s = self._warned_s = monotonic_s
+            self._opened_s = self._warned_s = self._waits_since_s = monotonic_s
         self._now_s = monotonic_s
         if monotonic_s - self._checked_s >= 1.0:
             self._checked_s = monotonic_s
@@ -357,6 +357,8 @@ class JournalWriter:
         except OSError as error:
             self._failure = _reason(error)
             return
+        if self._segment is not None:  # it can be written: only an earlier look here had failed
+            self._failure = ""
         if self._is_full:
             if not was_full:
                 self._end_segment(Segment.finish)
@@ -391,8 +393,8 @@ class JournalWriter:
     def _make_room(self) -> None:
         """Delete the oldest segments if the journal is too large or the free space too small.
 
-        Of the present recording, segments near an event of its runs stay, and those of the last
-        minutes: a bump may come at any moment, and the time before it belongs to its run.
+        Of the present recording, segments with an event of its run log or near one stay, and those
+        of the last minutes: a bump may come, and the time before it belongs to its run.
         """
         wanted_bytes = 2 * self.limits.reserve_bytes  # free space, so that recording need not stop
         excess_bytes = self._journal_bytes - self.limits.keep_bytes
@@ -409,7 +411,8 @@ class JournalWriter:
             if info.recording == self.head.recording:
                 first_ns = info.summary.first_ns - REACH_NS
                 last_ns = info.summary.last_ns + REACH_NS
-                if any(first_ns <= t_ns <= last_ns for t_ns in needed_ns):
+                has_run_event = any(event.code in _RUN_CODES for _, event in info.summary.events)
+                if has_run_event or any(first_ns <= t_ns <= last_ns for t_ns in needed_ns):
                     continue
                 self._report_deleted(info.summary)
             with suppress(OSError):

@@ -434,7 +434,10 @@ def test_the_oldest_goes_when_there_is_too_much_and_it_is_no_loss(tmp_path: Path
 
 
 def test_the_runs_of_the_present_recording_stay_with_the_time_around_them(tmp_path: Path) -> None:
-    """A segment every 240 s, a bump in the sixteenth: 1200 s before and after it stay."""
+    """A segment every 240 s, a bump in the sixteenth: 1200 s before and after it stay.
+
+    So does the verdict of a person after the bus has become silent, in a segment without frames.
+    """
     limits = RecorderConfig(segment_bytes=1.0, keep_bytes=1000.0, reserve_bytes=0.0)
     with JournalWriter(tmp_path, A, limits, QuickFile) as writer:
         for k in range(30):
@@ -443,10 +446,11 @@ def test_the_runs_of_the_present_recording_stay_with_the_time_around_them(tmp_pa
             if k == 15:
                 writer.append_events([Event(int(part.t_ns[0]), "bump", 1.0, "baseline_bounce_1")])
             writer.maintain(240.0 * k)
+        writer.append_events([Event(int(part.t_ns[0]), "reject")])
         for k in range(30, 40):
             writer.maintain(240.0 * k)
     contents = read_journal(writer.paths)
     assert not contents.lost.any
-    assert {event.code for event in contents.events} == {"bump", "retention"}
+    assert {event.code for event in contents.events} == {"bump", "reject", "retention"}
     kept = numbers(contents.frames)[::10] // 3_840_000
     assert kept.tolist() == [*range(10, 21), *range(24, 30)]

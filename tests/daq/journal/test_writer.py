@@ -172,6 +172,9 @@ def test_a_recording_goes_on_if_its_end_cannot_be_written(tmp_path: Path) -> Non
         assert not writer.begin(NEXT)
         assert writer.head == HEAD
         files[0].left = 1
+        writer.append_events([Event(1, "bump", 1.0, "baseline_bounce_1")])
+        assert writer.flush()
+        assert not recordings(tmp_path)[0].ended  # a recorder resumes it
         assert writer.begin(NEXT)
         assert writer.head.recording == NEXT.recording
     first, second = recordings(tmp_path)
@@ -243,8 +246,9 @@ def test_a_disk_that_cannot_be_asked_is_said_and_asked_again(tmp_path: Path) -> 
         assert writer.status.free_bytes == writer.status.total_bytes == 10**12  # as it was last
         writer.append(block(0, 10), HopLosses())
         assert writer.status.recorded_frames == 10
-        disk.fails = False
         writer.maintain(2.0)
+        disk.fails = False
+        writer.maintain(3.0)
         assert writer.status.failed == ""
 
 
@@ -252,12 +256,12 @@ def test_a_folder_without_room_from_the_start_was_not_taken_away(tmp_path: Path)
     disk = Checks(0)
     with JournalWriter(tmp_path, HEAD, LIMITS, QuickFile, disk_usage=disk.usage) as writer:
         writer.append(block(0, 10), HopLosses())
-        writer.maintain(0.0)
+        writer.maintain(5000.0)
         assert writer.status.warning == ""
         assert "full" in writer.status.failed
-        assert writer.status.held_frames == 10
+        assert (writer.status.held_frames, writer.status.lag_s) == (10, 0.0)
         disk.free = 10**12
-        writer.maintain(1.0)
+        writer.maintain(5001.0)
         assert (writer.status.failed, writer.status.recorded_frames) == ("", 10)
 
 
