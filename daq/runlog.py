@@ -229,7 +229,7 @@ def advance(log: RunLog, event: Event) -> RunLog:
     """
     try:
         after = _advanced(log, event)
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError):
         return log
     content = (log.runs, log.bench_text, log.overrides)
     if content == (after.runs, after.bench_text, after.overrides):
@@ -238,7 +238,7 @@ def advance(log: RunLog, event: Event) -> RunLog:
 
 
 def _advanced(log: RunLog, event: Event) -> RunLog:
-    """Return the log after one event; raises ValueError, KeyError or TypeError for a wrong text.
+    """Return the log after one event; raises what `advance` catches for a wrong text.
 
     A bump whose label is no run or not new changes nothing.
     """

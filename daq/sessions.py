@@ -157,9 +157,9 @@ def _groups(
             what = f"channel {name!r} is not described"
             raise InputError(where, what, f"channels are {', '.join(known)}")
         t_s, values = (_numbers(where, f"channel {name}: ", data) for data in (times, samples))
-        if t_s.shape != values.shape or len(t_s) < 2:
+        if t_s.shape != values.shape or t_s.ndim != 1 or len(t_s) < 2:
             what = f"channel {name}: {t_s.shape} times for {values.shape} values"
-            raise InputError(where, what, "give as many times as values, at least two")
+            raise InputError(where, what, "give equally many, at least two, in one dimension")
         if not (np.isfinite(t_s).all() and (np.diff(t_s) > 0).all()):
             what = f"channel {name}: times are not increasing numbers"
             raise InputError(where, what, "sort them and remove doubles")

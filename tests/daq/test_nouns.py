@@ -214,15 +214,14 @@ def test_added_mass_as_matrix_diagonal_or_weights() -> None:
         (("baseline", "bounce", {"speed": (T, T)}), "speed"),
         (("baseline", "bounce", {"phi": (T, T[:5])}), "phi"),
         (("baseline", "bounce", {"phi": (T[::-1], T)}), "phi"),
+        (("baseline", "bounce", {"phi": (0.1, 2.0)}), "phi"),
+        (("baseline", "bounce", {"phi": (T.reshape(2, 5), T.reshape(2, 5))}), "phi"),
         (("baseline", "bounce", {"phi": (T, ["a"] * 10)}), "phi"),
         (("baseline", "bounce", {"phi": (np.where(T > 0.05, np.nan, T), T)}), "phi"),
         (("baseline", "bounce", {}), "no channel"),
     ],
 )
-def test_what_does_not_fit_is_named(
-    run: Any,
-    names: str,
-) -> None:
+def test_what_does_not_fit_is_named(run: Any, names: str) -> None:
     with pytest.raises(InputError, match=names) as caught:
         session_from_arrays([("baseline", "bounce", RUN), run])
     assert caught.value.where == "run 2"

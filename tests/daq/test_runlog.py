@@ -32,6 +32,7 @@ BUMP = Event(1, Code.BUMP, 1.0, RUN)
 REJECT = entry(Code.REJECT, 2, label=RUN, by="Ann", reason="door slammed")
 UNDO, REDO = Event(4, Code.UNDO), Event(5, Code.REDO)
 WEAK = Finding("too_weak", Severity.ERROR, "1 of 2 m/s2", "", "bump harder", 1.0, 2.0, "m/s2")
+HUGE = verdict_entry(7, RUN, [WEAK]).text.replace("2.0", "2" + 400 * "0")
 FINE = Finding("too_weak", Severity.NOTE, "3 of 2 m/s2", "", "", 3.0, 2.0, "m/s2")
 
 
@@ -132,7 +133,8 @@ def test_the_revision_counts_changes_of_the_session_file_alone() -> None:
         (UNDO, 5),
         (REDO, 6),
         (REDO, 6),
-        (Event(7, Code.ACCEPT, text="not JSON"), 6),
+        *((Event(7, Code.NOTE, text=text), 6) for text in ("not JSON", "[]", 9999 * "[")),
+        (Event(7, Code.VERDICT, text=HUGE), 6),
         (entry(Code.ACCEPT, 7, label="added_roll_9", by="Ann", reason=""), 6),
         (Event(8, "alarm", text="x"), 6),
     ]
