@@ -55,7 +55,7 @@ def recording(channel_map: ChannelMap, file: Columns) -> Recording:
     group of samples; a value that one of them lacks is NaN, and its row is marked.  Raises
     InputError if a unit does not fit, or a channel has no increasing times.
     """
-    columns_start_ns = 0  # zero of the first clock of columns that counts from 1970, if any
+    start_ns = 0  # zero of the first clock whose date is known
     channels = []
     # Of each group: clock, times and values by channel; all have an entry for each row.
     sampled: list[tuple[str, NDArray[np.float64], dict[str, NDArray[np.float64]]]] = []
@@ -65,9 +65,9 @@ def recording(channel_map: ChannelMap, file: Columns) -> Recording:
         channel = stated.channel(si.unit)
         channels.append(channel)
         clock, time_s, zero_ns = _clock_of(channel, column, channel_map.clock(stated), file)
-        if zero_ns:
-            columns_start_ns = columns_start_ns or zero_ns
-            time_s = time_s + (zero_ns - columns_start_ns) * 1e-9
+        if zero_ns := zero_ns or file.start_ns:
+            start_ns = start_ns or zero_ns
+            time_s = time_s + (zero_ns - start_ns) * 1e-9
         raw = np.asarray(column.values, np.float64)
         value = channel_values(channel, si.factor, si.offset, raw)
         for other_clock, _, values in sampled:
@@ -76,7 +76,6 @@ def recording(channel_map: ChannelMap, file: Columns) -> Recording:
                 break
         else:
             sampled.append((clock, time_s, {channel.name: value}))
-    start_ns = columns_start_ns or file.start_ns
     clocks = [clock for clock, _, _ in sampled]
     groups = []
     for clock, row_s, values in sampled:
@@ -216,8 +215,11 @@ def given_run(
         if len(time_s):
             columns = (time_s, group.t_ns[rows], values, group.quality[rows])
             groups.append(SampleGroup(group.name, *columns))
-        if used & values.keys() and (fault := _coverage_fault(time_s, stop_s - start_s)):
-            reasons.append(f"{group.name} {fault}")
+        times_s = {n: time_s[np.isfinite(value)] for n, value in values.items() if n in used}
+        if times_s and _coverage_fault(time_s, stop_s - start_s):  # named once, not by channel
+            times_s = {group.name: time_s}
+        faults = {name: _coverage_fault(t_s, stop_s - start_s) for name, t_s in times_s.items()}
+        reasons += [f"{name} {fault}" for name, fault in faults.items() if fault]
     missing = used - {name for group in recorded.groups for name in group.values}
     reasons += [f"{name} has no value" for name in sorted(missing)]
     return Run(

@@ -282,6 +282,14 @@ def _times(values: Any, unit: str = "", stated: str = "") -> tuple[int, list[flo
     return found.start_ns, found.groups[0].time_s.tolist()
 
 
+def test_times_of_a_column_and_of_a_dated_file_count_from_one_zero() -> None:
+    text = '[[channel]]\nname = "rl"\nsignal = "rl"\nquantity = "unused"\ntime_column = "t"\n'
+    columns = {"fl": [0, 0], "rl": [0, 0], "t": [T0_S + 1.25, T0_S + 2]}
+    file = _file(columns, times_s={"table": [0, 1]}, start_ns=T0_S * S + S // 2)
+    groups = recording(_map(text), file).groups
+    assert [group.time_s.tolist() for group in groups] == [[0.25, 1.0], [-0.5, 0.5]]
+
+
 @pytest.mark.parametrize(
     ("values", "unit", "stated", "start_ns", "times_s"),
     [
@@ -379,13 +387,11 @@ def test_a_run_without_samples_is_rejected_and_says_of_what() -> None:
     assert one.reasons == ("table has 1 sample",)
     two = given_run(_map(), _found(), STEP, 2.0, 2.15)
     assert two.status is RunStatus.ACCEPTED
-    file = _file(
-        {"fl": [1.0, 2.0], "fr": [nan, nan]}, times_s={"table": [0.0, 0.1]}, start_ns=T0_S * S
-    )
-    lacking = given_run(
-        _map("", ("fl", "fr")), recording(_map("", ("fl", "fr")), file), STEP, 0.0, 0.2
-    )
-    assert lacking.reasons == ("fr has no value",)
+    known = _map("", ("fl", "fr"))
+    for n, reason in ((0, "fr has no value"), (18, "fr has 0 samples")):  # 18: one group with fl
+        columns = {"fl": range(20), "fr": [*range(n), *[nan] * (20 - n)]}
+        found = recording(known, _file(columns, times_s={"table": np.arange(20) / 10}))
+        assert given_run(known, found, STEP, 1.8, 2.0).reasons == (reason,)
 
 
 TRIGGER = (
