@@ -238,6 +238,7 @@ class Recording:
         self._health = health.HealthState()
         self._t_ns = self._first_ns = 0  # of the latest frame, and of the first on its clock
         self._bump_ns = 0  # of the last planned bump
+        self._saturated: dict[str, int] = {}  # count of each channel's alarm at the last look
         self.recent = Recent(bench.trigger.pre_s + bench.trigger.post_s)
         self._alarms = Watch(codec, ())
         self.adopt(bench, codec)
@@ -403,8 +404,11 @@ class Recording:
     def _raise_alarms(self, cycle: Cycle) -> None:
         """Log the alarms that begin and end; reject the present run if its bus is dead."""
         events = self._alarms.advance(self.bench.recorder, cycle)
-        saturated = [alarm.subject for alarm in self._alarms.alarms if alarm.code == "saturated"]
-        self.saturated_ns |= dict.fromkeys(saturated, self._t_ns)
+        # An alarm lasts longer than its samples: those of this look have raised its count.
+        saturated = {a.subject: a.count for a in self._alarms.alarms if a.code == "saturated"}
+        raised = saturated.items() - self._saturated.items()
+        self.saturated_ns |= {name: self._t_ns for name, _ in raised}
+        self._saturated = saturated
         for event in events:
             self._log(event)
         dead = self._alarms.dead_bus

@@ -38,6 +38,7 @@ from ..small_campaign import (
     START_NS,
     blocks,
     bumps,
+    frames_at,
     small_bench,
 )
 
@@ -462,6 +463,18 @@ def test_a_sensor_at_its_end_counts_from_the_bump_on(
     recording.saturated_ns |= {"hub": at_ns}
     recording.verdict(STEP, BUMP_NS)
     assert seen.window.saturated == ("hub",) * counts
+
+
+def test_a_sensor_was_at_its_end_when_its_samples_were_not_while_its_alarm_lasts(
+    quick: Bench, codec: Codec, journal: JournalWriter
+) -> None:
+    layout, later = codec.message("HUB_Front"), bumps(codec, 2)
+    ends = {s.name: np.full(100, s.span[1]) for s in layout.signals if s.name.startswith("acc")}
+    t_ns = later.t_ns[:100] - 100_000_000
+    top = frames_at(t_ns, codec.encode("HUB_Front", ends), layout.can_id, layout.length)
+    recording = Recording(quick, codec, journal)
+    feed(recording, [top, *blocks(later)])
+    assert set(recording.saturated_ns.values()) == {t_ns[-1]}
 
 
 def test_a_run_is_compared_with_those_of_its_kind_that_count(
