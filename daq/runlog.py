@@ -25,7 +25,7 @@ from .runs import Event, Excitation, RunStatus
 
 _TEXTS = ("code", "subject", "unit", "text", "advice")
 _FIGURES = ("value", "limit")
-"""Fields of a finding that are stored, besides `passed`."""
+"""`_TEXTS`, `_FIGURES`: fields of a finding that are stored, besides `passed`."""
 
 
 def finding_record(finding: Finding) -> dict[str, Any]:
@@ -51,7 +51,7 @@ StoredFinding = Annotated[Finding, PlainValidator(read_finding), PlainSerializer
 """A finding in a message between recorder and terminal."""
 
 
-# The runlog ---------------------------------------------------------------------------------------
+# The run log --------------------------------------------------------------------------------------
 
 
 class Code(StrEnum):
@@ -95,7 +95,7 @@ class LoggedRun:
     findings: tuple[StoredFinding, ...] = ()
     """The recorder's verdict; empty while it is open."""
     by: str = ""
-    """The person who decided last; empty if the recorder did."""
+    """The person who decided last; empty if the recorder did, `undo` if that was turned round."""
     reason: str = ""
     """That person's reason."""
 
@@ -185,9 +185,9 @@ class RunLog:
 
 
 def next_step(campaign: Campaign, log: RunLog) -> Step | None:
-    """Return the next step of a campaign; None when every planned run is accepted.
+    """Return the step of the open run, else the next one; None when all planned runs are accepted.
 
-    The repeat of the step counts attempts, so every attempt has its own label.
+    A step that a person has chosen is next.  Its repeat counts attempts: each has its own label.
     """
     kinds = list(dict.fromkeys((s.mass_state, s.excitation) for s in campaign.steps))
     kinds_to_do = [kind for kind in kinds if log.accepted(*kind) < campaign.repeats]

@@ -88,7 +88,7 @@ def next_segment(folder: Path) -> int:
 
 
 def scan(path: Path, later: SegmentInfo | None = None) -> SegmentInfo:
-    """Return the content of a segment.
+    """Return head and summary of a segment.
 
     A segment with its proper end has a summary, which makes this fast at any size.  `later`: the
     next segment with blocks; a block whose sync failed may be in both, and is counted there.
@@ -113,7 +113,7 @@ def scan(path: Path, later: SegmentInfo | None = None) -> SegmentInfo:
 
 
 def _scanned(newest_first: Iterable[Path]) -> Iterator[SegmentInfo]:
-    """Yield the content of the segments that can be read."""
+    """Yield head and summary of each segment that can be read."""
     later = None
     for path in newest_first:
         with suppress(InputError):  # a file of another program, or deleted meanwhile
@@ -160,8 +160,8 @@ def recordings(folder: Path) -> tuple[RecordingInfo, ...]:
 def recordings_of(segments: Sequence[Path]) -> tuple[RecordingInfo, ...]:
     """Return the recordings of these segments, the oldest first.
 
-    A file that cannot be read, or whose recording has no head, is the last of the recording before
-    it, so that a reader counts what is lost with it.  Raises InputError if none can be read.
+    A file that cannot be read, or whose recording has no head, is added to the segments of the
+    recording before it, whose reader counts it as lost.  Raises InputError if none can be read.
     """
     infos_by_recording: dict[str, list[SegmentInfo]] = {}
     for info in _scanned(sorted(segments, key=segment_number, reverse=True)):
@@ -224,7 +224,7 @@ class JournalLoss:
 
 @dataclass(frozen=True, slots=True)
 class HopCounts:
-    """Cumulative losses between wire and journal, one row for each block."""
+    """Cumulative losses between wire and journal, by block; of equal ones, only both ends."""
 
     t_ns: NDArray[np.int64]
     """Latest time stamp up to the block, ns, shape (m,); never decreases."""
@@ -375,8 +375,7 @@ class JournalReader:
 def deleted_event(t_ns: int, blocks: Sequence[tuple[int, int]], frames: int) -> Event:
     """Return the event on the blocks of a recording that were deleted on purpose.
 
-    `blocks`: all such spans until now: first block, block after the last.  `frames`: number of
-    frames that were deleted last.
+    `blocks`: all such spans until now: first block, block after.  `frames`: number deleted last.
     """
     return Event(t_ns, RETENTION, frames, json.dumps({"deleted": blocks}))
 

@@ -203,8 +203,8 @@ def segment_number(path: Path) -> int:
 def read_segment(path: Path) -> tuple[list[Block], int]:
     """Return the whole blocks of a segment as it is now, and the number of bytes after them.
 
-    That number is 0 if they begin a head or an end, with which nothing is lost.  Raises InputError
-    if the file cannot be read.
+    That number is 0 if those bytes begin a head or an end, with which nothing is lost.  Raises
+    InputError if the file cannot be read.
     """
     data = _last_bytes(path)
     view, blocks = memoryview(data), []

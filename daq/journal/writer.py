@@ -50,7 +50,7 @@ REACH_NS = 1_200_000_000_000
 `[trigger]` of bench.toml allows for a run."""
 HELD_BYTES = 32_000_000
 """Largest number of bytes of frames that wait in memory: a minute of four full buses."""
-_RUN_CODES = frozenset(Code)
+_RUN_CODES = frozenset(Code)  # of the events of the run log
 
 
 class JournalError(BumpbenchError, OSError):
@@ -67,8 +67,8 @@ class JournalWriter:
     with the same `recording` as the head.  Raises JournalError if the folder cannot be written at
     all.  If the disk is full or fails, blocks wait.
 
-    `head`: head of the present recording.
-    `stored_frames`: number of frames of all recordings that this writer has stored on the disk.
+    Attributes: `head`, that of the present recording; `stored_frames`, number of frames of all
+    recordings that this writer has stored on the disk.
     """
 
     def __init__(
@@ -121,12 +121,12 @@ class JournalWriter:
         self._number = self._t_ns = self._recorded = self._reported = 0
         self._losses = HopLosses()
         self._dropped = 0
-        """Number of its frames without room in memory, or in files that were removed."""
+        """Number of its frames without room, or in removed files; the journal has `_reported`."""
         self._waiting = deque[Block]()
         """Its blocks that the disk refuses."""
         self._waiting_bytes, self._waits_since_s = 0, 0.0
         self._runs_ns = list[int]()
-        """Times of the events of its runs, ns."""
+        """Times of the events of its run log, ns."""
         self._written: list[Segment] = []
         """Its segments that have blocks, and were written by this writer."""
         self._earlier = tuple[Path, ...]()
@@ -137,9 +137,8 @@ class JournalWriter:
     def begin(self, head: JournalHead) -> tuple[Path, ...]:
         """End the recording and begin the next one; return the segments of the ended recording.
 
-        If blocks of it wait in memory it cannot be ended: it continues, and nothing is returned.
-
-        `head`: of the next recording; the number of its first segment is set here.
+        If blocks of it wait in memory it continues, and nothing is returned.  `head`: of the next
+        recording; the number of its first segment is set here.
         """
         if not self.flush():
             return ()
@@ -155,8 +154,8 @@ class JournalWriter:
     def append(self, frames: FrameBatch, losses: HopLosses) -> None:
         """Store a block of frames; `status.recorded_frames` counts frames on the disk.
 
-        `frames`: empty if there are only losses to report.  `losses`: cumulative counts of this
-        process up to this block.  The writer adds those that it dropped to `queue_dropped`.
+        `frames`: empty if there are only losses to report.  `losses`: up to this block, since this
+        process began or resumed the recording.  The writer adds what it dropped to `queue_dropped`.
         """
         self._t_ns = int(frames.t_ns.max(initial=self._t_ns))
         self._losses = losses
@@ -206,7 +205,7 @@ class JournalWriter:
         if self._is_full or not (self._segment or self._open_next()):
             return False
         while self._waiting:
-            blocks = list(islice(self._waiting, 40))  # synced together
+            blocks = list(islice(self._waiting, 40))  # of about 4 s, synced together
             if not self._store(blocks):
                 return False
             for block in blocks:
@@ -396,9 +395,8 @@ class JournalWriter:
         Of the present recording, segments with an event of its run log or near one stay, and those
         of the last minutes: a bump may come, and the time before it belongs to its run.
         """
-        wanted_bytes = 2 * self.limits.reserve_bytes  # free space, so that recording need not stop
-        excess_bytes = self._journal_bytes - self.limits.keep_bytes
-        excess_bytes = max(excess_bytes, wanted_bytes - self._free_bytes)
+        lacking_bytes = 2 * self.limits.reserve_bytes - self._free_bytes  # recording need not stop
+        excess_bytes = max(self._journal_bytes - self.limits.keep_bytes, lacking_bytes)
         needed_ns = [self._t_ns, *self._runs_ns]
         for path in sorted(self._sizes, key=segment_number):
             if excess_bytes <= 0:

@@ -287,7 +287,7 @@ class Recorder:
                     answer.set_exception(error)
 
     def _store_and_look(self, links: Sequence[LinkFacts] | None = None) -> bool:
-        """Store a block, and process all frames since the last look; return whether it had any.
+        """Store a block, and process all frames since the last look; return whether it stored any.
 
         `links`: state of the buses, for the alarms; by default their present one.
         """
@@ -406,15 +406,9 @@ class Recorder:
 
     def _new_head(self, bench: Bench, now: Now, *, campaign: bool) -> JournalHead:
         """Return the head of a recording that begins now, with a new identity."""
-        return JournalHead(
-            bench.text,
-            bench.dbc_text,
-            self._software,
-            now.wall_ns,
-            round(now.monotonic_s * 1e9),
-            campaign=campaign,
-            origin=bench.origin,
-        )
+        texts = bench.text, bench.dbc_text, self._software
+        clocks_ns = now.wall_ns, round(now.monotonic_s * 1e9)
+        return JournalHead(*texts, *clocks_ns, campaign=campaign, origin=bench.origin)
 
     def _begin_next(self, bench: Bench, why: str, now: Now, *, campaign: bool) -> None:
         """End the recording, start building its session file, and begin the next recording.

@@ -213,7 +213,7 @@ class FaultBarrier:
 class Recording:
     """One recording: of a campaign, or of the traffic between two campaigns, when nothing is armed.
 
-    `recent`, `live`: its last seconds, and the newest samples for terminals.
+    Attributes: `recent`, its last seconds; `live`, the newest samples for terminals.
     `journal`: for frames and events; the caller closes it.  `run_log`: run log of a resumed
     recording.  Raises InputError if a channel contradicts the DBC, or no channel can trigger.
     """
@@ -284,9 +284,9 @@ class Recording:
     def store(self, batch: FrameBatch, hops: HopLosses) -> None:
         """Store one block of frames, and keep it for the next look.
 
-        `batch`: in order of arrival; may be empty.  `hops`: cumulative counts up to this block,
-        since this recorder was started.  Raises JournalError if the journal does; the block is
-        then not processed.
+        `batch`: in order of arrival; may be empty.  `hops`: losses up to this block, since this
+        recorder began or resumed the recording.  Raises JournalError if the journal does; the block
+        is then not processed.
         """
         if len(batch) or hops != self._hops:
             self._journal.append(batch, hops)

@@ -75,7 +75,7 @@ class RunLoop:
         return max(state.accept_after_s - (state.t_ns - self.since_ns) * 1e-9, 0.0)
 
     def arm(self, until: Until, state: Surroundings) -> None:
-        """Arm; this does not interrupt a run or a countdown."""
+        """Arm at once, also during a countdown; a run that is being recorded goes on."""
         self.halted = ""
         if state.due is None:
             self.phase, self._until = Phase.COMPLETE, None
@@ -127,7 +127,8 @@ class RunLoop:
     def judge(self, state: Surroundings) -> None:
         """Enter the phase after the verdict on the run that was being recorded."""
         self._enter(self._judged_phase(state), state.t_ns)
-        # Three runs in a row that the recorder rejects for one reason: a person must find it.
+        # Three runs in a row that the recorder rejects for one reason: a person must find it.  A
+        # loop armed for all runs together goes on: perhaps no person is at the car.
         last_runs = state.run_log.runs[self._runs_at_arming :][-3:]
         codes = {run.failed.code if run.failed and not run.by else "" for run in last_runs}
         alike = len(last_runs) == 3 and len(codes) == 1 and "" not in codes
@@ -282,7 +283,7 @@ def _clean(text: str) -> str:
 
 
 def _logged(run_log: RunLog, label: str) -> LoggedRun:
-    """Return the run of a label; without a label, the run being recorded, or else the last."""
+    """Return the run of a label; without one, the open or else the last; OrderError if none."""
     last = run_log.runs[-1] if run_log.runs else None
     run = run_log.run(label) if label else run_log.open or last
     if run is None:

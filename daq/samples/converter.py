@@ -92,7 +92,7 @@ class Hold:
     n_equal: int
     """Number of its samples."""
     length_s: float
-    """Its length, s; 0 if none begins in the first half second of the decay or reaches into it."""
+    """Its length, s; 0 if none that begins before +0.5 s of the decay reaches into it."""
     rest_rate: float
     """Changes of value per sample at rest, 0..1; NaN if there are too few samples."""
     decay_rate: float
@@ -115,8 +115,8 @@ def longest_hold(
     """
     last_rows = np.flatnonzero(np.diff(value, append=np.nan) != 0.0)
     first_rows = np.concatenate([[0], last_rows[:-1] + 1])
-    # A hold counts if it reaches into the decay and begins in its first half second: after that, a
-    # coarse sensor may stay at one step of its converter.
+    # A hold counts if it reaches into the decay and begins before half a second of it is over:
+    # after that, a coarse sensor may stay at one step of its converter.
     is_in_decay = (time_s[last_rows] > decay_start_s) & (time_s[first_rows] < decay_start_s + 0.5)
     length_s = np.where(is_in_decay, time_s[last_rows] - time_s[first_rows], 0.0)
     longest = int(length_s.argmax())
@@ -223,7 +223,6 @@ def _counter_health(
     )
 
 
-def losses_added(one_hop: Losses, other_hop: Losses) -> Losses:
-    """Return the sum of losses counted at different hops."""
-    names = Losses.__slots__
-    return Losses(*(getattr(one_hop, name) + getattr(other_hop, name) for name in names))
+def losses_added(some: Losses, others: Losses) -> Losses:
+    """Return the sums of two counts, field by field."""
+    return Losses(*(getattr(some, name) + getattr(others, name) for name in Losses.__slots__))

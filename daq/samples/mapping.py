@@ -84,7 +84,7 @@ def mapped_block(mapped: Iterable[MappedChannel], decoded: Decoded) -> SampleBlo
 def channel_values(
     channel: Channel, factor: float, offset: float, value: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the values of a channel; ``factor * value + offset`` is in SI units."""
+    """Return the values of a channel: ``factor * value + offset`` in SI, with sign, scale, tare."""
     return (factor * value + offset) * (channel.sign * channel.scale) - channel.tare
 
 
@@ -376,7 +376,7 @@ def _message_group(
 def _clock_times(
     message: MessageLayout, decoded: Decoded, keeping: Timekeeping, t0_ns: int
 ) -> tuple[NDArray[np.intp], SensorTimes] | None:
-    """Return the rows of the frames with a readable clock, and their times; None if it has none."""
+    """Return rows and times of the frames with a readable clock; None if the message has none."""
     clock, counter = keeping.clocks.get(message.name), message.counter
     if clock is not None:
         samples = decoded[clock.signal]

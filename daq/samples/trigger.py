@@ -43,6 +43,7 @@ class ChannelRest:
     quiet_since_ns: int
     """Time of the last sample away from rest (or of the first sample), ns."""
     slot: int
+    """Number of the present slot: time stamp over `rest_s`."""
     first_value: float
     """First sample of all, which is the level until a slot is complete."""
     rest_level: float = float("nan")
@@ -112,9 +113,9 @@ def advance(
 
 
 def not_at_rest(config: TriggerConfig, state: TriggerState) -> tuple[str, ...]:
-    """Return the names of the trigger channels that now prevent arming.
+    """Return the names of the trigger channels that now prevent arming; none if it does not wait.
 
-    `state`: from `advance`.  Returns no names in the other phases.
+    `state`: from `advance`.
     """
     if state.phase is not TriggerPhase.WAITING or state.now_ns is None:
         return ()

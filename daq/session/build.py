@@ -39,7 +39,7 @@ from ..sessions import Session
 _NOT_OF_A_RUN = (Code.BENCH, Code.VERDICT, Code.UNDO, Code.REDO, Code.NOTE, Code.OVERRIDE)
 """Codes of events that a session stores elsewhere, or that do not concern the run they fall in."""
 _TEXT_BYTES = 160
-"""Length of an event's text in a session file, bytes."""
+"""Largest length of an event's text in a session file, bytes."""
 
 
 def journal_provenance(

@@ -86,9 +86,8 @@ def recording(channel_map: ChannelMap, file: Columns) -> Recording:
         if np.any(not_later := np.diff(time_s) <= 0.0):
             last_s = time_s[:-1][not_later][0]
             what = f"the times of {printable(name, 100)} do not increase after {last_s:.6g} s"
-            raise InputError(
-                file.where, what, "name another column of times, or cut the file there"
-            )
+            advice = "name another column of times, or cut the file there"
+            raise InputError(file.where, what, advice)
         t_ns = start_ns + np.rint(time_s * 1e9).astype(np.int64)
         if len(time_s):
             is_whole = has_value[:, rows].all(axis=0)
@@ -125,10 +124,8 @@ def _clock_of(
         advice = "state column or rate_hz in [time], or time_column or rate_hz of the channel"
         raise InputError(f"channel {channel.name}", what, advice)
     if len(time_s) != n:
-        what = (
-            f"has {counted(n, 'value')}, and its clock {printable(name, 100)} "
-            f"{counted(len(time_s), 'time')}"
-        )
+        n_times = counted(len(time_s), "time")
+        what = f"has {counted(n, 'value')}, and its clock {printable(name, 100)} {n_times}"
         raise InputError(f"channel {channel.name}", what, "name the column of its times")
     # Two tables of one rate have different clocks.
     return f"{column.clock} {name}" if clock.rate_hz else name, time_s, zero_ns

@@ -54,7 +54,7 @@ class Intake:
     """Reads one stretch of log block by block, then returns the part to keep.
 
     Frames around the bumps are kept and others dropped.  Raises InputError as
-    `daq.samples.trigger`.
+    `daq.samples.mapping.bench_mapping`.
     """
 
     def __init__(self, bench: Bench, codec: Codec) -> None:
@@ -152,7 +152,7 @@ def labelled(parts: Sequence[LogPart], steps: Sequence[Step], skip: int) -> tupl
 def session_from_parts(
     bench: Bench, codec: Codec, parts: Sequence[LogPart], provenance: Mapping[str, str]
 ) -> Session:
-    """Build the session from labelled parts; each has its own time.
+    """Return the session of labelled parts, whose clocks need not agree.
 
     `parts`: result of `labelled`, not empty.  `provenance`: software and sources; uuid, date, DBC
     and bench.toml are added.  Raises InputError as `build_session`.

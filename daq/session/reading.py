@@ -149,7 +149,7 @@ def _check_datasets(
         dataset_bytes = prod(item.shape) * dtype.itemsize
         chunk_bytes = prod(item.chunks or ()) * dtype.itemsize
         bytes_left -= dataset_bytes
-        if bytes_left < 0 or chunk_bytes > 64 << 20:
+        if bytes_left < 0 or chunk_bytes > 64 << 20:  # ours have 8,192 rows
             sizes = f"{dataset_bytes} bytes in chunks of {chunk_bytes}"
             raise SchemaError(path, f"claims {sizes}, too much")
 

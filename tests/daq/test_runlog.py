@@ -89,11 +89,8 @@ def test_a_verdict_after_an_undone_one_leaves_nothing_to_redo() -> None:
     log = fold([accept], log)
     assert [len(log.done), len(log.undone)] == [2, 0]
     assert fold([REDO], log) == log
-    assert stand(BUMP, verdict_entry(2, RUN, [WEAK]), REJECT, UNDO, accept, REDO) == (
-        RunStatus.ACCEPTED,
-        "Ben",
-        ("too_weak",),
-    )
+    found = stand(BUMP, verdict_entry(2, RUN, [WEAK]), REJECT, UNDO, accept, REDO)
+    assert found == (RunStatus.ACCEPTED, "Ben", ("too_weak",))
 
 
 def test_verdicts_are_undone_and_redone_in_turn() -> None:

@@ -258,14 +258,7 @@ def test_many_notes_on_losses_are_cut_short() -> None:
 # Files that are no segment ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        b"not a journal at all",
-        b"",
-        MAGIC + bytes(100),
-    ],
-)
+@pytest.mark.parametrize("content", [b"not a journal at all", b"", MAGIC + bytes(100)])
 def test_a_file_that_is_no_journal_is_refused_alone_and_a_loss_beside_a_segment(
     tmp_path: Path, content: bytes
 ) -> None:
@@ -407,10 +400,8 @@ def test_one_recording_ends_and_the_next_begins(tmp_path: Path) -> None:
     assert first.last_ns == block(19, 1).t_ns[0]
     assert [path.name for path in first.segments] == ["journal_0001.bbj", "journal_0002.bbj"]
     assert (second.head.recording, second.frames, second.ended) == (B.recording, 5, False)
-    assert (first.head.session_name, second.head.session_name) == (
-        "session_0001.h5",
-        "session_0003.h5",
-    )
+    sessions = [recording.head.session_name for recording in (first, second)]
+    assert sessions == ["session_0001.h5", "session_0003.h5"]
     assert last_recording(tmp_path) == replace(second, segments=second.segments[:1])
     assert last_recording(tmp_path / "nothing") is None
 

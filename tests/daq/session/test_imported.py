@@ -184,12 +184,7 @@ def test_losses_before_the_session_are_kept_and_the_rest_is_counted_anew() -> No
     )
     found = _again(_with(losses=lost)).runs[0].losses
     fresh = _again(imported()).runs[0].losses
-    assert (found.bus_dropped, found.bus_garbled, found.queue_dropped) == (1, 2, 3)
-    assert (found.counter_gaps, found.crc_bad, found.wrong_length) == (
-        fresh.counter_gaps,
-        fresh.crc_bad,
-        fresh.wrong_length,
-    )
+    assert found == replace(fresh, bus_dropped=1, bus_garbled=2, queue_dropped=3)
     assert fresh.counter_gaps < 40
 
 
@@ -202,12 +197,8 @@ def test_the_new_session_says_where_it_comes_from() -> None:
     assert new.provenance["dbc"] == imported().provenance["dbc"]
     assert new.provenance["uuid"] not in ("", "7")
     assert new.runs[0].events == old.runs[0].events
-    commented = parse_bench(
-        f"# x\n{old.provenance['bench_toml']}",
-        "bench.toml",
-        Path("/nowhere"),
-        old.provenance["dbc"],
-    )
+    text = f"# x\n{old.provenance['bench_toml']}"
+    commented = parse_bench(text, "bench.toml", Path("/nowhere"), old.provenance["dbc"])
     again = redecoded(old, commented, "old.h5", {}).provenance
     assert again["uuid"] != new.provenance["uuid"]
     assert again["bench_toml"].startswith("# x")
@@ -378,11 +369,8 @@ def test_a_run_is_the_window_that_is_given() -> None:
 
 def test_a_run_without_samples_is_rejected_and_says_of_what() -> None:
     none = given_run(_map(), _found(), STEP, 20.0, 21.0)
-    assert (none.status, none.reasons, none.groups) == (
-        RunStatus.REJECTED,
-        ("table has 0 samples",),
-        (),
-    )
+    assert (none.status, none.groups) == (RunStatus.REJECTED, ())
+    assert none.reasons == ("table has 0 samples",)
     one = given_run(_map(), _found(), STEP, 2.0, 2.05)
     assert one.reasons == ("table has 1 sample",)
     two = given_run(_map(), _found(), STEP, 2.0, 2.15)
