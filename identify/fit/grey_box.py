@@ -11,7 +11,7 @@ tape measure) are data like the samples.  Derivatives are exact, by a complex st
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -49,16 +49,15 @@ CROSS_SCALE_KG = 10.0
 SIGNED = {"k_af": 1e4, "k_ar": 1e4, "c_tf": 100.0, "c_tr": 100.0, "y_s": 0.1}
 """Parameters that may be zero or negative, each with the size that counts as one unknown."""
 
-
 _DEVIATION_WORDS = {
     "x": (1.0, "m further forward", "m further back"),
     "y": (1.0, "m further left", "m further right"),
-    "gain": (100.0, "% larger", "% smaller"),
+    "gain": (100.0, "% too much", "% too little"),
     "delay": (1e3, "ms later", "ms earlier"),
     "": (1.0, "kg heavier", "kg lighter"),
 }
-"""Size of a correction in words, by its kind: factor to the printed unit, more, and less than
-stated.  The kind without a name is the mass of a weight."""
+"""Size of a correction in words, by its kind: factor to the printed unit, more, and less.  That of
+a gain is what the channel shows; the kind without a name is the mass of a weight."""
 _WEIGHT_KINDS = ("", "x", "y")
 """Kinds of the corrections of a weight, in the order of `weight_sigmas`."""
 
@@ -82,7 +81,8 @@ class Correction:
     def in_words(self, size: float) -> str:
         """Return how far the true value lies from the stated one, `size` in the unit of sigma."""
         factor, more, less = _DEVIATION_WORDS[self.kind]
-        return f"{abs(size) * factor:.2g} {more if size > 0.0 else less} than stated"
+        words = f"{abs(size) * factor:.2g} {more if size > 0.0 else less}"
+        return f"it shows {words}" if self.kind == "gain" else f"{words} than stated"
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +152,7 @@ class GreyBox:
 
     def with_structure(self, structure: Structure) -> GreyBox:
         """Return the grey box of the same bench for another structure."""
-        return GreyBox(self.groups, self.mass_states, self.geometry, structure, self.facts)
+        return replace(self, structure=structure)
 
     @property
     def _has_cross_weight(self) -> bool:
@@ -287,7 +287,7 @@ class GreyBox:
         return np.zeros(len(eta), dtype=complex) if p is None else eta[:, p]
 
     def motion_rows(self, eta: Complex) -> dict[str, Complex]:
-        """Return each channel's row on the seven motions, (n, 7), time derivative apart."""
+        """Return each channel's row on the seven motions, (n, 7), without its time derivative."""
         full = self.full(eta)
         lengths = full[:, [Full.A, Full.B, Full.T_F, Full.T_R, Full.Y_S]]
         rows = {}
@@ -298,7 +298,7 @@ class GreyBox:
                 x, y = np.zeros_like(x), np.zeros_like(y)
             x = x + self._correction(eta, "x", channel.name)
             y = y + self._correction(eta, "y", channel.name)
-            # The gain is the true scale over the stated one.
+            # What the channel shows over the motion: its stated scale over the true one.
             gain = 1.0 + self._correction(eta, "gain", channel.name)
             rows[channel.name] = motion_row(channel, x, y, lengths) * gain[:, None]
         return rows

@@ -102,8 +102,8 @@ def _corrections_table(estimation: Estimation) -> Table:
         "Stated uncertainties: what the decays say of them",
         ("what", "#stated sigma", "#found off by", "#± sigma", "unit", "#pull, sigma"),
         tuple(rows),
-        "Found off by: fitted less stated value. A pull beyond 3 sigma means that the "
-        "statement is wrong.",
+        "Found off by: fitted less stated value; of a gain, what the channel shows too much. "
+        "A pull beyond 3 sigma means that the statement is wrong.",
     )
 
 

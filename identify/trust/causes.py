@@ -39,6 +39,7 @@ from .gates import (
 )
 from .hypotheses import (
     LATE_ADVICE,
+    TABLE,
     amplitude_findings,
     kind_of_sensor,
     odd_runs,
@@ -158,7 +159,7 @@ def likely_causes(estimation: Estimation) -> Causes:
     if not significant or (holds and amplitude):  # no linear cause makes the small motion differ
         return Causes(amplitude, tuple(tried))
     named = significant[0]
-    if named.kind == "gain":
+    if named.kind == "gain" and not holds:  # it may be too large for the linear test
         gain = gain_of(estimation, named.subject)
         named = replace(named, sizes=gain.sizes, advice=gain.advice)
     elif named.kind == "weights":  # weights or scales: severity is that of what moves more
@@ -326,7 +327,7 @@ def _sized_gain(
             predicted_squared += float(predicted @ predicted)
             measured_by_predicted += float(predicted @ values)
     gain = measured_by_predicted / predicted_squared if predicted_squared > 0.0 else nan
-    advice = "check its calibration, unit and sign"
+    advice = TABLE["gain"].advice
     if abs(gain + 1.0) < 0.2:
         advice = "it is upside down: turn its sign"
     elif gain > 0.0 and not _LEAST_GAIN < gain < _MOST_GAIN:

@@ -49,7 +49,7 @@ TABLE = {
     "length": Cause("a length is wrong", _LENGTH_ADVICE),
     "weights": Cause("added weights off by a common factor"),  # their scale, or their unit
     "late": Cause("{} late", LATE_ADVICE, of_bench=True),
-    "gain": Cause("gain of {}", of_bench=True),
+    "gain": Cause("gain of {}", "check its calibration, unit and sign", of_bench=True),
     "turn": Cause("IMU turned about z", _TURN_ADVICE, of_bench=True),
 }
 """Effects that a linear model may lack, without their sizes."""
@@ -249,7 +249,7 @@ def _effects(box: GreyBox, richest: _Richest) -> Iterator[_Effect]:
     for name, delays in late.items():
         yield _Effect("late", name, "ms", 1e3, delays)
     for i, channel in richest.fitted_gains.items():
-        yield _Effect("gain", channel.name, "%", 100.0, {i: 1.0})
+        yield _Effect("gain", channel.name, "% too much", 100.0, {i: 1.0})
     for name, i in richest.index_of_turn.items():
         yield _Effect("turn", name, "deg", 180.0 / np.pi, {i: 1.0})
 
