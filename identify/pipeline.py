@@ -75,7 +75,7 @@ def identify(
         runs = [i for i, record in enumerate(estimation.records) if record.mass_state == state]
         records = [estimation.records[i] for i in runs]
         decays = [estimation.decays[i].thinned(250.0) for i in runs]  # Hz, enough for the modes
-        with suppress(InputError):  # too short, no common channel: the likelihood needs neither
+        with suppress(InputError):  # too short, or no common channel: no modes of this state
             sensed[state] = sensed_modes(records, decays)
     states = [state for state in session.mass_states if state.name in result.modal]
     result = replace(result, sensed={name: modes.model for name, modes in sensed.items()})
@@ -160,7 +160,7 @@ def identify_parameters(
 
 
 class _StoppedError(Exception):
-    """The caller takes the linear fit as the answer."""
+    """A person stops the search for elements: the linear fit is the answer."""
 
 
 def grey_box(session: Session, records: Sequence[Record]) -> GreyBox:
@@ -217,9 +217,11 @@ def _with_elements(
     """
     from .nonlinear.real_car import real_car  # with Numba: a third of a second to import
 
+    end_s = max(began_s + _LONGEST_S, process_time() + _LEAST_S + _JUDGING_S)
+
     def log_stage(stage: str) -> None:
-        rest_s = max(_LONGEST_S - process_time() + began_s, 0.0)
-        progress(0.7 - 0.5 * rest_s / _LONGEST_S, f"{stage}; at most {rest_s:.0f} s left")
+        rest_s = max(end_s - process_time(), 0.0)
+        progress(0.7 - 0.2 * rest_s / _LONGEST_S, f"{stage}; at most {rest_s:.0f} s left")
         if stop():
             raise _StoppedError
 
@@ -228,8 +230,8 @@ def _with_elements(
         f"so far: body {mass_kg:,.0f} kg, springs {front * 1e-3:.1f} and {rear * 1e-3:.1f} kN/m, "
         f"chi2/n {linear.chi2_per_n:.2f}"
     )
-    most_s = max(_LONGEST_S - _JUDGING_S - process_time() + began_s, _LEAST_S)
     vehicles = generic_vehicles(expected_car(session.vehicle).to_array())  # of the stated size
+    most_s = end_s - _JUDGING_S - process_time()
     real = real_car(linear, vehicles, session.vehicle.elements, log_stage, most_s)
     if real is None or not real.estimation.chi2_per_n <= CHI2_LIMIT:
         return None

@@ -25,7 +25,6 @@ from .bumps import PAPER_DELTA_MASS, TRUTH, paper_records
 def _session(
     noise_db: float,
     rate_hz: float = 200.0,
-    only: tuple[str, ...] = ("bounce", "pitch", "roll"),
     bump_s: float = float("nan"),
     geometry: VehicleGeometry | None = None,
     cut_s: float = 0.0,
@@ -35,9 +34,8 @@ def _session(
         excitation = record.label.split("_")[1]
         recording = record.recordings[0].between(cut_s, 9.0)
         columns = zip(DOF, recording.values.T, strict=True)
-        if excitation in only:
-            samples = {name: (recording.time_s, column) for name, column in columns}
-            runs.append((record.mass_state, excitation, samples))
+        samples = {name: (recording.time_s, column) for name, column in columns}
+        runs.append((record.mass_state, excitation, samples))
     return session_from_arrays(
         runs, delta_mass=PAPER_DELTA_MASS, bump_s=bump_s, vehicle=Vehicle("Granada", geometry)
     )
@@ -165,14 +163,21 @@ def test_elements_are_sought_with_the_beginnings_where_no_later_start_holds(
     assert result.forces is forces
 
 
+@pytest.mark.parametrize(("fitted_s", "left_s"), [(1.0, 59), (55.0, 22)])
 def test_who_stops_the_search_for_elements_gets_the_linear_fit(
-    unexplained: pytest.MonkeyPatch,
+    unexplained: pytest.MonkeyPatch, fitted_s: float, left_s: int
 ) -> None:
-    said: list[str] = []
+    """Of a minute; but the search has 20 s in any case, and then 2 s to judge."""
+    times_s = iter((0.0,))
+    unexplained.setattr(pipeline, "process_time", lambda: next(times_s, fitted_s))
+    stages: list[tuple[float, str]] = []
     result = identify(
-        _session(np.inf, bump_s=0.2), lambda _, text: said.append(text), stop=lambda: True
+        _session(np.inf, bump_s=0.2), lambda *stage: stages.append(stage), stop=lambda: True
     )
-    assert any(text.startswith("so far: body 1,380 kg, springs 17.0 and 22.0") for text in said)
+    assert [share for share, _ in stages] == sorted(share for share, _ in stages)
+    (text,) = (text for _, text in stages if text.startswith("so far"))
+    assert text.startswith("so far: body 1,380 kg, springs 17.0 and 22.0")
+    assert text.endswith(f"at most {left_s} s left")
     assert result.forces is None
     assert result.parameters["m_s"].value == pytest.approx(1380.0, rel=1e-3)
     assert "stopped" in [finding.code for finding in result.quality.findings]
