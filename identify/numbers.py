@@ -13,10 +13,10 @@ LARGEST_PERCENT = 100.0
 
 
 def number(value: float) -> str:
-    """Write a number with five significant digits, trailing zeros included."""
+    """Write a number with five significant digits, trailing zeros included; a larger one, whole."""
     if not isfinite(value):
         return NOT_DETERMINED
-    return f"{value:#,.5g}".rstrip(".") if abs(value) < 1e5 else f"{value:,.0f}"
+    return f"{value:#,.5g}".rstrip(".") if abs(value) < 99999.5 else f"{value:,.0f}"
 
 
 def rounded(value: float, low: float, high: float) -> tuple[str, str, str]:
@@ -38,7 +38,7 @@ def rounded(value: float, low: float, high: float) -> tuple[str, str, str]:
 
 
 def half_width(value: float, high: float) -> str:
-    """Write the distance from a value to the end of its interval, with two digits."""
+    """Write the distance from a value to the upper end of its interval, with two digits."""
     half = high - value
     return _to_place(half, _place(half)) if isfinite(half) and half > 0.0 else ""
 
@@ -82,7 +82,7 @@ def _to_place(value: float, place: int) -> str:
 
 
 def by_kind(shares: Mapping[str, float]) -> dict[str, float]:
-    """Return the shares by kind, of runs that differ only in their repeat added up, largest first.
+    """Return the share of each kind, the largest first; repeats of a run are of one kind.
 
     `shares`: as in `identify.fit.uncertainty.drivers`: run labels, facts, stated uncertainties.
     """
@@ -95,7 +95,7 @@ def by_kind(shares: Mapping[str, float]) -> dict[str, float]:
 
 
 def largest_share(shares: Mapping[str, float]) -> str:
-    """Write the kind of runs, or the facts, that most of a parameter's precision rests on."""
+    """Write what a parameter's precision rests on most, and its share; nothing without shares."""
     for kind, share in by_kind(shares).items():  # the first is the largest
         return f"{kind} {share * 100:.0f} %"
     return ""

@@ -64,17 +64,11 @@ def test_the_json_has_the_keys_that_users_read_and_the_numbers_of_the_result() -
     assert document["drivers"]["t_f"] == {}  # its shares mean nothing
     assert document["shapes"] == {"baseline": [{"real": [1.0], "imag": [0.0]}]}
     assert document["modes"]["baseline"][0] == {
-        "name": "body bounce",
-        "frequency_hz": 1.2,
-        "frequency_std_hz": 0.01,
-        "frequency_low_hz": 1.18,
-        "frequency_high_hz": 1.22,
-        "damping_ratio": 0.25,
-        "damping_ratio_std": 0.0055,
-        "damping_ratio_low": 0.239,
-        "damping_ratio_high": 0.261,
+        "name": "body bounce", "frequency_hz": 1.2, "frequency_std_hz": 0.01,
+        "frequency_low_hz": 1.18, "frequency_high_hz": 1.22, "damping_ratio": 0.25,
+        "damping_ratio_std": 0.0055, "damping_ratio_low": 0.239, "damping_ratio_high": 0.261,
         "reason": "",
-    }
+    }  # fmt: skip
     assert document["paired"] == {
         "added": [{"first": 1, "this": 2, "mac": 0.9}, {"first": 2, "this": 1, "mac": 0.8}]
     }
@@ -254,18 +248,15 @@ def test_a_difference_has_its_sign_and_the_digits_of_its_interval() -> None:
 
 
 def test_five_digits_and_no_power_of_ten() -> None:
-    values = (99999.0, 100000.0, -99999.0, 123456.7, 12.5, inf)
+    values = (99999.4, 99999.6, -99999.0, 123456.7, 12.5, inf)
     texts = ["99,999", "100,000", "-99,999", "123,457", "12.500", "not determined"]
     assert [number(value) for value in values] == texts
 
 
 def test_nothing_is_written_about_a_value_that_is_no_number() -> None:
     assert rounded(inf, 1.0, 2.0) == ("not determined", "", "")
-    assert [with_half(5.0, half) for half in (0.25, 0.0, inf)] == [
-        "5.00 ± 0.25",
-        "5.0000",
-        "5.0000",
-    ]
+    texts = [with_half(5.0, half) for half in (0.25, 0.0, inf)]
+    assert texts == ["5.00 ± 0.25", "5.0000", "5.0000"]
     assert half_width(1.0, inf) == half_width_percent(inf, 0.0, 1.0) == ""
     assert half_width_percent(-200.0, -201.1, -198.9) == "0.55 %"
     assert half_width_percent(1.0, 0.0, 2.0) == "100 %"
@@ -274,10 +265,7 @@ def test_nothing_is_written_about_a_value_that_is_no_number() -> None:
 
 def test_repeats_of_one_kind_of_run_count_together_the_largest_first() -> None:
     shares = {"baseline_roll_1": 0.2, "facts": 0.25, "baseline_roll_2": 0.3, "stated_x": 0.25}
-    assert list(by_kind(shares).items()) == [
-        ("baseline_roll", 0.5),
-        ("facts", 0.25),
-        ("stated_x", 0.25),
-    ]
+    kinds = [("baseline_roll", 0.5), ("facts", 0.25), ("stated_x", 0.25)]
+    assert list(by_kind(shares).items()) == kinds
     assert largest_share(shares) == "baseline_roll 50 %"
     assert largest_share({}) == ""
