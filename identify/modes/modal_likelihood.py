@@ -26,7 +26,7 @@ from ..model.exponentials import Series, series_of, waves, waves_of
 from ..model.matrices import Complex, Real
 from .modal_model import ModalModel, vibrates
 
-_UNKNOWN = 4e-14
+_RIDGE = 4e-14
 """Share of a normal matrix's scale below which rounding decides a direction."""
 
 # Samples, and as much of them as modes can follow -------------------------------------------------
@@ -211,7 +211,7 @@ def _roots(normal: Real, squares: Real | None = None) -> tuple[Real, Real]:
         squares = np.add(*np.split(diagonal, 2, axis=-1))
     size = np.tile(np.sqrt(np.where(squares > 0.0, squares, 1.0)), 2)
     unit = normal / (size[..., None, :] * size[..., None])
-    lower = np.linalg.cholesky(unit + _UNKNOWN * np.eye(unit.shape[-1]))
+    lower = np.linalg.cholesky(unit + _RIDGE * np.eye(unit.shape[-1]))
     upper, has_effect = lower.swapaxes(-1, -2), diagonal > 0.0
     inverse = np.linalg.inv(upper) * (has_effect / size)[..., None]
     return upper * (has_effect * size)[..., None, :], inverse
@@ -345,7 +345,7 @@ class System:
 
     def scaled_step(self, damping: float) -> Real:
         """Return the step of all unknowns as multiples of `scale`, (N,)."""
-        damped = self.normal + (damping + _UNKNOWN) * np.eye(len(self.scale))
+        damped = self.normal + (damping + _RIDGE) * np.eye(len(self.scale))
         return np.asarray(np.linalg.solve(damped, self.gradient))
 
     def step(self, damping: float) -> tuple[Complex, Complex]:
@@ -414,7 +414,6 @@ class LikelyModes:
     """Modes of the highest likelihood."""
 
     point: Point
-    """The optimum."""
     pole_covariance: Real
     """Covariance of the real and then of the imaginary parts of the poles, (rad/s)^2, shape (2 m, 2
     m)."""

@@ -41,6 +41,7 @@ from .modal_likelihood import (
 )
 from .modal_model import ModalModel, originals, vibrates
 from .state_variable_method import (
+    MIN_SAMPLES,
     DelaySpace,
     Poles,
     StabilisationDiagram,
@@ -60,7 +61,6 @@ _COMBINATIONS = 16
 """Combinations of records in which modes are sought and copies removed."""
 _MOST_SETS = 24
 """Sets of poles of which the best is the start; neighbours in rank differ in one or two poles."""
-
 _SORTING_FITS = _SORTING_STEPS = 8
 """Fits, and steps of each, in which copies are removed; a fit with copies settles slowly."""
 _ROUGH = 0.1
@@ -332,7 +332,7 @@ def vehicle_diagram(
         return None
     rate_hz = min(_RATE_HZ, slowest_hz)
     grids = [_on_grid(r, d, channels, rate_hz) for r, d in zip(records, decays, strict=True)]
-    if min(len(grid) for grid in grids) < 2 * len(channels):
+    if min(len(grid) for grid in grids) < max(2 * len(channels), MIN_SAMPLES):
         return None
     return stabilisation_diagram(grids, rate_hz)
 

@@ -26,7 +26,7 @@ from dbc.words import InputError, counted
 from .modal_model import ModalModel, mac
 
 _WHERE = "free-decay records"
-_MIN_SAMPLES = 8
+MIN_SAMPLES = 8
 """Fewer samples cannot show a damped sine and exclude anything else."""
 _LEAST_BLOCKS = 4  # delays of the shortest vector
 _NOISY = 1e-5
@@ -50,7 +50,6 @@ class DelaySpace:
     """The directions in which the delay vectors of all records lie."""
 
     delays: Delays
-    """Layout of the delay vectors."""
     rate_hz: float
     """Samples a second of the records."""
     directions: NDArray[np.float64]
@@ -61,7 +60,6 @@ class DelaySpace:
     """The delay vectors of each record, one for each sample, in these directions, each shape (n_i,
     r); empty where the step is one sample, which needs none."""
     n_channels: int
-    """Channels of the records."""
 
 
 def scaled_records(
@@ -90,9 +88,9 @@ def scaled_records(
         elif decays and decay.shape[1] != decays[0].shape[1]:
             fault = f"has {decay.shape[1]} channels, record 1 has {decays[0].shape[1]}"
             remedy = "give the same channels in every record"
-        elif len(decay) < _MIN_SAMPLES:
+        elif len(decay) < MIN_SAMPLES:
             fault = f"has {counted(len(decay), 'sample')}"
-            remedy = f"give at least {_MIN_SAMPLES}, better some periods of the slowest mode"
+            remedy = f"give at least {MIN_SAMPLES}, better some periods of the slowest mode"
         elif not np.all(np.isfinite(decay)):
             fault = "holds values that are not finite"
             remedy = "cut the record where it is whole"
@@ -255,8 +253,9 @@ def realised_modes(
     """Return the modes of a realisation of some free decays.
 
     `records`, `rate_hz` and Raises are those of `identify_modes`.  `order`: number of states, two
-    for each mode; by default as many as stand out from the noise.  Returns all pairs of poles that
-    oscillate and decay, spurious ones among them; shapes in the channels' own quantities.
+    for each mode, by default as many as stand out from the noise; too many raise InputError.
+    Returns all pairs of poles that oscillate and decay, spurious ones among them; shapes in the
+    channels' own quantities.
     """
     decays, rms = scaled_records(records, rate_hz)
     shortest = min(len(decay) for decay in decays)
@@ -267,6 +266,10 @@ def realised_modes(
         noise = 2.858 * np.median(space.strength)  # Gavish and Donoho 2014
         rounding = 1e-11 * float(space.strength[0])
         order = int(np.sum(space.strength > max(noise, rounding)))
+    # The regression is between the first and the last `blocks - 1` delays.
+    most = min(space.directions.shape[1], (blocks - 1) * space.n_channels)
+    if not 0 <= order <= most:
+        raise InputError(_WHERE, f"the order is {order}", f"give 1 to {most}")
     poles, shapes = poles_of_rank(space, order)
     is_mode = (poles.imag > 0.0) & (poles.real < 0.0)
     return ModalModel(poles[is_mode], shapes[:, is_mode] * rms[:, None])
@@ -323,9 +326,10 @@ def stabilisation_diagram(records: Sequence[ArrayLike], rate_hz: float) -> Stabi
 def diagram_of(space: DelaySpace, duration_s: float) -> StabilisationDiagram:
     """Return the poles of one layout of delays over its rank.
 
-    Real poles are kept: they are not modes, but an offset or a filter's transient has one, and if a
-    fit left it out it would be taken for a mode.  `duration_s` is the length of the longest record.
+    Real poles are kept: they are no modes, but an offset and a filter's transient have them, and a
+    fit without these poles would follow both by modes.  `duration_s`: of the longest record.
     """
+    # The regression has `n_channels` fewer rows than there are directions, and one is to spare.
     highest_rank = space.directions.shape[1] - space.n_channels - 1
     standing_out = int(np.sum(space.strength > 2.0 * np.median(space.strength)))
     highest_rank = min(highest_rank, standing_out + 12)  # to see which poles recur

@@ -259,6 +259,9 @@ def test_noise_and_units_are_borne(order: int | None) -> None:
     found = realised_modes([record], 50.0, order)
     assert len(found) == 3
     assert np.abs(found.poles / POLES - 1.0).max() < 0.01
+    for more in (-1, 34):  # 12 delays of three channels: 11 of them are regressed on 11
+        with pytest.raises(InputError, match=f"order is {more} .give 1 to 33"):
+            realised_modes([record], 50.0, more)
 
 
 def test_a_channel_without_a_signal_changes_nothing() -> None:

@@ -271,16 +271,16 @@ def test_sensors_of_two_clocks_come_on_the_grid_of_the_slower_one() -> None:
     assert nearest(found, 4).max() < 0.03
 
 
-@pytest.mark.parametrize(("n", "long_enough"), [(13, False), (15, True), (17, True)])
-def test_a_grid_of_fewer_samples_than_twice_the_channels_gives_none(
-    n: int, long_enough: bool
+@pytest.mark.parametrize(
+    ("n", "k", "long_enough"), [(13, 7, False), (15, 7, True), (17, 7, True), (8, 2, False)]
+)
+def test_a_grid_of_fewer_samples_than_8_or_twice_the_k_channels_gives_none(
+    n: int, k: int, long_enough: bool
 ) -> None:
     """A grid ends before the last sample: it has one less."""
-    rng = np.random.default_rng(0)
-    channels = tuple(Channel(f"c{i}", Quantity.BODY_ACCELERATION, "m/s2") for i in range(7))
-    recording = Recording(
-        ChannelGroup("g", channels), np.arange(n) / 100.0, rng.standard_normal((n, 7))
-    )
+    values = np.random.default_rng(0).standard_normal((n, k))
+    channels = tuple(Channel(f"c{i}", Quantity.BODY_ACCELERATION, "m/s2") for i in range(k))
+    recording = Recording(ChannelGroup("g", channels), np.arange(n) / 100.0, values)
     given = Record("r", "baseline", 0.0, (recording,)), FreeDecay("r", "b", 0.0, (recording,))
     assert (diagram(given) is not None) is long_enough
 
