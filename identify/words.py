@@ -36,7 +36,7 @@ _PLACES = {"f": "front", "r": "rear", "fl": "front left", "fr": "front right", "
 _PLACES |= {"rr": "rear right"}
 
 SYMBOL: Mapping[Verdict, str] = {Verdict.OK: "✓", Verdict.DOUBTFUL: "!", Verdict.REFUSED: "✕"}
-"""Each state has a symbol and a word; colour only helps."""
+"""Each verdict has a symbol and a word; colour only helps."""
 
 HEADLINE: Mapping[Verdict, str] = {
     Verdict.OK: "The parameters may be used.",
@@ -61,7 +61,7 @@ NOT_OK = "Where a verdict is not ok, neither intervals nor significances hold."
 
 
 def parameter_words(name: str) -> str:
-    """Return the name of a parameter in words."""
+    """Return the name of a parameter in words, ``damper, front left`` for ``c_sfl``."""
     if name in _PARAMETERS:
         return _PARAMETERS[name]
     return f"{_PARAMETERS[name[:3]]}, {_PLACES[name[3:]]}"
@@ -135,9 +135,9 @@ def survival_lines(quality: Judgement) -> list[str]:
 
 
 def damper_rows(forces: Forces) -> list[list[str]]:
-    """Return, for each standard speed, the force of each axle's damper and that with friction.
+    """Return each standard speed, m/s, with the force of each axle's damper and that with friction.
 
-    Each has half of its 95 % interval; an entry is empty where an axle did not reach the speed.
+    A force has half of its 95 % interval; it is empty where an axle did not reach the speed.
     """
     from .nonlinear.forces import forces_at_speeds
 
@@ -161,7 +161,7 @@ def damper_columns(forces: Forces) -> list[str]:
 
 
 def element_answer(tried: ElementChoice) -> str:
-    """Return the result for an element that was tried."""
+    """Return in words whether an element that was tried is in the answer."""
     if tried.forced:
         return "stated" if tried.kept else "excluded"
     return "there" if tried.kept else "not needed"

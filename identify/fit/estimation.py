@@ -56,7 +56,6 @@ class Estimation:
     """
 
     box: GreyBox
-    """Structure of the problem."""
     records: Records
     """All runs."""
     fit: Fit
@@ -103,6 +102,7 @@ class Estimation:
         """Upper limit of chi2/n if the model holds."""
         if self.freedom <= 0.0:
             return 1.0
+        # Without rest, differences of residuals are worth more than half as many samples.
         quiet = sum(quiet_counts(self.records).values()) if self.rest else self.freedom / 2.0
         std = float(np.sqrt(2 / self.freedom + 2 / quiet))  # noise levels rest on finite samples
         # Five standard deviations; clocks fitted to arrival times and quantisation may cause 0.02.
@@ -461,7 +461,7 @@ def _is_forced(chi2s: Sequence[tuple[float, int]]) -> bool:
     for width in (1, 2, 4, 8, 16):  # many show a small force that one does not
         if width <= len(chi2s):
             window_chi2, freedom = np.sum(chi2s[-width:], axis=0).tolist()
-            # The limit by Wilson and Hilferty (1931), at a normal deviate of 4.5.
+            # The limit by Wilson and Hilferty (1931), at a normal deviate of 4.5: 3 in a million.
             variance = 2.0 / (9.0 * freedom)
             if window_chi2 > freedom * (1.0 - variance + 4.5 * variance**0.5) ** 3:
                 return True

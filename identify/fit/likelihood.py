@@ -76,7 +76,6 @@ class Residuals:
     """Residuals of one decay."""
 
     label: str
-    """Label of the run."""
     values: Mapping[str, Real]
     """Measured minus fitted, SI, each shape (n,)."""
     freedom: Mapping[str, float]
@@ -259,7 +258,6 @@ class LinearEngine:
     """The linear model of a grey box, by variable projection."""
 
     box: GreyBox
-    """Structure of the problem."""
 
     @property
     def elements(self) -> Mapping[str, int]:

@@ -205,7 +205,6 @@ class Prediction:
     """A run left out of the fit and predicted by it."""
 
     label: str
-    """Label of the run."""
     fitted: float
     """chi2/n of the run in the fit of all runs."""
     predicted: float
@@ -241,7 +240,7 @@ def leave_one_out(estimation: Estimation) -> tuple[Prediction, ...]:
         # Over a step that the others do not determine the problem is not linear, nor finite.
         if determined(estimation.box, covariance).all():
             finite_covariance = np.where(np.isfinite(covariance), covariance, 0.0)
-            with suppress(FloatingPointError):
+            with suppress(FloatingPointError):  # a nonlinear run may have no path there
                 eta = fit.eta - finite_covariance @ block.gradient
                 (predicted_residuals,) = engine.residuals((decay,), estimation.sigma, eta)
                 predicted = predicted_residuals.chi2(noise) / freedom

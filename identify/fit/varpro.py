@@ -42,9 +42,9 @@ class GroupModel:
     rates: Complex
     """All rates, rad/s, shape (p,)."""
     motion: NDArray[np.intp]
-    """Numbers of the functions that the vehicle's motion consists of, shape (4 h,)."""
+    """Indices of the functions that the vehicle's motion consists of, shape (4 h,)."""
     channel_functions: NDArray[np.intp]
-    """Numbers of the functions that each channel has by itself: the transients of its low-pass and
+    """Indices of the functions that each channel has by itself: the transients of its low-pass and
     a constant."""
     on_state: Real
     """Matrices from the initial state to the functions of the motion, (n_channels, 4 h, 14)."""
@@ -56,7 +56,7 @@ class GroupModel:
     """Change of `gained` with each unknown, by the rows and by the eigenvectors, shape (n_channels,
     h, P)."""
     weight: Real
-    """Inverse variance of each channel, shape (n_channels,)."""
+    """Inverse variance of each channel's noise, shape (n_channels,)."""
     lateness_s: float
     """Lateness beyond the nominal one, s."""
     lateness_index: int | None
@@ -68,7 +68,6 @@ class StateModel:
     """A mass state at one point of the unknowns."""
 
     box: GreyBox
-    """Structure of the problem."""
     modes: Spectrum
     """Eigenvalues and eigenvectors of the state matrix."""
     mixing: Complex
@@ -94,7 +93,7 @@ class StateModel:
 def evaluate(
     box: GreyBox, eta: Real, mass_states: Collection[str], sigma: Mapping[str, float]
 ) -> dict[str, StateModel]:
-    """Return some mass states at the unknowns `eta`; `sigma`: noise of each channel, SI."""
+    """Return some mass states' models at the unknowns `eta`; `sigma`: noise of each channel, SI."""
     points, delays_s = {}, box.delays_s(eta).tolist()
     for name, system in box.systems(eta, mass_states).items():
         modes = spectrum(system.A)
@@ -160,7 +159,6 @@ class Batch:
     indices: tuple[tuple[int, int], ...]
     """Of each, the index of its decay, and its own among the recordings of this decay."""
     series: Series
-    """Their samples."""
 
 
 def batches_of(decays: Sequence[FreeDecay]) -> tuple[Batch, ...]:

@@ -93,7 +93,7 @@ class Spectrum:
     W: Complex
     """`V`, `W`: right eigenvectors and their inverse, shape (n, n)."""
     half: NDArray[np.intp]
-    """Numbers of the real poles and of the upper one of each pair, shape (h,)."""
+    """Indices of the real poles and of the upper one of each pair, shape (h,)."""
 
     def change(self, dA: Real) -> tuple[Complex, Complex, Complex]:
         """Return how changes of the state matrix, (P, n, n) in 1/s, mix the modes and shift poles.
@@ -171,7 +171,6 @@ class Waves:
     """``exp(rate t)`` of p rates at the times of some series."""
 
     series: Series
-    """The samples and their times."""
     coarse_s: Real
     tail_s: Real
     """`coarse_s`, `tail_s`: times of the series, less the lateness, s."""

@@ -36,7 +36,6 @@ COMPLEX_STEP = 1e-30
 FULL_NAMES = parameter_names(Structure(False, True, True, True))
 """Parameters of the richest structure, 28: every other one is a case of it."""
 
-
 Full = IntEnum(
     "Full",
     {
@@ -177,9 +176,10 @@ def delta_mass(
     """Return the mass matrix, (..., 7, 7), of the added weights about the CG of the *baseline*.
 
     A weight m at (x, y) from the CG adds ``m r r^T`` with ``r = (1, -x, y, 0, 0, 0, 0)``, and m h^2
-    to both inertias for its height h above the CG; a weight on a hub adds to that wheel.  `a`,
-    `y_s`, (...): position of the CG, m, behind the front axle and to the left of the middle.
-    `off`, (..., n_weights, 3): difference of each weight from what is stated, kg, and x, y, m.
+    to both inertias for its height h above the CG; a weight on a hub adds to that wheel.  To these
+    is added `added.matrix`, stated about the same CG, as it is.  `a`, `y_s`, (...): position of the
+    CG, m, behind the front axle and to the left of the middle.  `off`, (..., n_weights, 3):
+    difference of each weight from what is stated, kg, and x, y, m.
     """
     a, y_s = np.broadcast_arrays(np.asarray(a, dtype=complex), np.asarray(y_s, dtype=complex))
     total = np.broadcast_to(added.matrix, (*a.shape, N_DOF, N_DOF)).astype(complex)

@@ -15,26 +15,12 @@ from daq.runs import ADDED, BASELINE, Excitation
 from daq.sessions import ArrayRun, Session, session_from_arrays
 from daq.sim.car import NOISE, SensorTruth, measured, true_reading
 from daq.sim.motion import Bump, Moving, load_car
-from daq.vehicle import (
-    FORD_GRANADA,
-    AddedMass,
-    BodyWeight,
-    Corner,
-    Fact,
-    HubWeight,
-    MassState,
-)
+from daq.vehicle import FORD_GRANADA, AddedMass, BodyWeight, Corner, Fact, HubWeight, MassState
 from identify.decays.decay import Record
 from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate, generic_vehicles
 from identify.fit.grey_box import GreyBox
-from identify.fit.likelihood import (
-    FACTS,
-    HOLD,
-    PRIORS,
-    LinearEngine,
-    fit,
-)
+from identify.fit.likelihood import FACTS, HOLD, PRIORS, LinearEngine, fit
 from identify.study.campaign import SENSOR_SETS, Campaign, records_of
 
 from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
@@ -161,7 +147,7 @@ def test_any_start_within_a_factor_three_on_all_parameters_leads_to_the_optimum(
         assert np.max(np.abs(found.eta - best.eta) / std) < 0.01
 
 
-# Of the sampling period, to either side -----------------------------------------------------------
+# Where a decay begins, and what its noise is ------------------------------------------------------
 
 
 def _sigmas(result: Estimation) -> NDArray[np.float64]:

@@ -56,9 +56,8 @@ def test_intervals_are_those_of_the_normal_distribution(best: Fit) -> None:
     spread = np.exp(_draws(best, 20_000))
     for i, (name, e) in enumerate(estimates(BOX, best).items()):
         assert e.std == pytest.approx(spread[:, i].std(), rel=0.03), name
-        assert np.mean((spread[:, i] > e.low) & (spread[:, i] < e.high)) == pytest.approx(
-            0.95, abs=0.01
-        )
+        is_inside = (spread[:, i] > e.low) & (spread[:, i] < e.high)
+        assert np.mean(is_inside) == pytest.approx(0.95, abs=0.01), name
         assert e.low < e.value < e.high
 
 
@@ -66,7 +65,6 @@ def test_slopes_of_all_modes_against_differences() -> None:
     """One unknown alone uncertain: the std of a mode is its slope by that unknown."""
     eta = BOX.unknowns(TRUTH)
     step = 1e-6
-
     for p in range(15):
         covariance = np.zeros((15, 15))
         covariance[p, p] = 1.0
@@ -237,3 +235,5 @@ def test_a_run_without_which_nothing_is_known_is_not_predicted() -> None:
     assert not one.at_noise
     assert one.fitted == pytest.approx(0.9)
     assert list(points) == ["two", "three"]
+    found, _ = predicted(lost="two")
+    assert [name for name, p in found.items() if np.isnan([p.predicted, p.limit]).all()] == ["two"]
