@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -11,7 +12,7 @@ import pytest
 
 from daq.bench.config import load_bench
 from daq.channels import Channel, Quantity
-from daq.runs import ADDED, BASELINE, Excitation
+from daq.runs import ADDED, BASELINE, Excitation, SampleGroup
 from daq.sessions import Session
 from daq.vehicle import FORD_GRANADA, Fact, Structure, Vehicle, VehicleGeometry
 from dbc.words import Severity
@@ -31,7 +32,7 @@ from identify.trust.inputs import shortcomings
 from ...flow.coverage import simulated_session
 from ...simulated.elements import RealCar, SensorFault, true_parameters
 from ..bumps import GROUP, MASS_STATES, TRUTH, noise_of, paper_records
-from ..stress import BODY, HUBS, doubtful, fitted, stress_session, true_value
+from ..stress import BODY, HUBS, doubtful, fitted, stress_session, true_value, with_group
 
 CAR = FORD_GRANADA
 WHEELBASE_M = CAR.a + CAR.b
@@ -308,6 +309,30 @@ def test_sensors_that_show_three_per_cent_too_much_are_within_the_intervals() ->
     assert abs(blind.parameters[lost].value - truth[lost]) > 20.0 * blind.parameters[lost].std
     assert "gains" in {finding.code for finding in blind.quality.findings}
     assert "gains" not in {finding.code for finding in found.quality.findings}
+
+
+@pytest.mark.parametrize(("factor", "way", "sign"), [(1.05, "much", ""), (0.95, "little", "-")])
+def test_a_gain_is_right_if_divided_by_what_its_channel_shows_too_much(
+    factor: float, way: str, sign: str
+) -> None:
+    """One run of each kind: without the channel, the others predict it to 5 % at best."""
+    session, name = stress_session("linear", 1, 100.0, repeats=1), "body_acc_z"
+    sure = tuple(replace(c, gain_sigma=0.005 * (c.name == name)) for c in session.channels)
+
+    def said(gain: float) -> dict[str, str]:
+        def scaled(group: SampleGroup) -> SampleGroup:
+            return replace(group, values={**group.values, name: gain * group.values[name]})
+
+        changed = with_group(replace(session, channels=sure), "", name, scaled)
+        findings = judge(changed, fitted(changed)).findings
+        return {f.code: f.text for f in findings}
+
+    texts = said(factor)
+    (shown,) = re.findall(
+        rf"{name} by \S+ sigma, it shows (\S+) % too {way}", texts["contradiction"]
+    )
+    assert re.search(rf"gain of {name} \({name} {sign}[\d.]+ ± \S+ % too much", texts["gain"])
+    assert not {"contradiction", "gain"} & set(said(factor / (1.0 + float(sign + shown) / 100.0)))
 
 
 # A sensor's low-pass and its lateness, stated in the channel, cost next to nothing ---------------
