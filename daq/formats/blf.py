@@ -106,7 +106,8 @@ def read_blf(file: BinaryIO, where: str, size: int, loss: LogLoss) -> Iterator[F
             raise InputError(where, f"has no object in its first {unpacked_bytes} bytes", _ADVICE)
         yield frames_of(data, places, start_ns, loss)
         if not is_whole:  # an object that was begun must not continue after the gap
-            loss.add("an object extends into lost data", bytes_cut=len(data) - used)
+            if len(data) - used >= _GAP_BYTES:
+                loss.add("an object extends into lost data", bytes_cut=len(data) - used)
             used = len(data)
         data = data[used:]
     places, used = find_objects(data, loss)
@@ -139,10 +140,7 @@ def _contents(file: BinaryIO, file_bytes: int, loss: LogLoss) -> Iterator[tuple[
 
 
 def _unpacked(body: bytes, size: int, loss: LogLoss) -> tuple[bytes, bool]:
-    """Return the content of a container, and whether it is complete.
-
-    `size`: bytes that `body` should have.
-    """
+    """Return the content of a container of `size` bytes, and whether it is complete."""
     if len(body) < size:
         loss.add("its last container is incomplete", bytes_cut=size - len(body))
     if len(body) < _CONTAINER.size:

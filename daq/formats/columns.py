@@ -54,7 +54,7 @@ NAMES = "CSV, MF4, MAT, Parquet"
 def read_columns(path: Path, names: Sequence[str]) -> Columns:
     """Return columns of a CSV, MF4, MAT or Parquet file.
 
-    `names`: in full, or from a slash to the end; empty for all columns of numbers.  Raises
+    `names`: in full, or from a slash to the end; empty for the first 2000 columns.  Raises
     InputError if the file cannot be read, or does not have exactly one column of a name.
     """
     where, head = str(path), input_bytes(path, f"name a file of channels: {NAMES}", 16)
@@ -95,6 +95,7 @@ def read_columns(path: Path, names: Sequence[str]) -> Columns:
             raise InputError(heading.name, "is not a column of numbers", "name another")
         native = np.ascontiguousarray(values, values.dtype.newbyteorder("="))
         columns[name] = replace(heading, values=native)
+    # Without names the values are only looked through for a proposal: none is missed.
     return replace(table, columns=columns, unread=table.unread if names else ())
 
 
@@ -336,7 +337,7 @@ def _numbers(
 ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     """Return the numbers in a column, and a mask of the cells that are none; gaps are not in it.
 
-    Times of day become int64, ns since 1970, other numbers in a column of text float64.
+    Times of day become int64, ns since 1970, if none is missing; other text becomes float64.
     """
     if column.dtype.kind in "iuf":
         return np.asarray(column), np.zeros(len(column), bool)
@@ -347,7 +348,9 @@ def _numbers(
     if bool(first_filled.str.match(_DATE.pattern).fillna(False).any()):
         times = pandas.to_datetime(text, utc=True, errors="coerce", format="ISO8601")
         stamps = np.asarray(times.dt.tz_localize(None), "M8[ns]").astype(np.int64)
-        return stamps, is_filled & times.isna().to_numpy()
+        is_missing = times.isna().to_numpy()
+        stamps = np.where(is_missing, np.nan, stamps) if is_missing.any() else stamps
+        return stamps, is_filled & is_missing
     if comma_is_decimal:
         text = text.str.replace(",", ".", regex=False)
     values = np.asarray(pandas.to_numeric(text, errors="coerce"), np.float64)

@@ -199,7 +199,7 @@ def _fields(items: Iterable[tuple[str, Any]], taken: Collection[str] = ()) -> di
 
 
 def write_uff(session: Session, path: Path) -> tuple[str, ...]:
-    """Write dataset 164 (SI), and one 58 per channel and run, as SDRC published them.
+    """Write dataset 164 (SI), and one 58 per run and channel with two samples, as SDRC published.
 
     Data are binary (58b, little-endian float64), because the text form has only 6 digits of a time.
     Returns a note if samples are missing.
@@ -301,7 +301,7 @@ def write_frames(session: Session, path: Path, form: ExportFormat) -> tuple[str,
     start_ns = int(frames.t_ns[0]) // 1_000_000 * 1_000_000
     if form is ExportFormat.BLF:
         with can.BLFWriter(path) as blf:
-            blf.start_timestamp = 0.0
+            blf.start_timestamp = 0.0  # else the first message's, which it subtracts
             for message in messages_of(frames, start_ns):
                 blf.on_message_received(message)
             blf.start_timestamp = start_ns * 1e-9  # for the head of the file
@@ -343,10 +343,7 @@ class Exported:
 
 
 def format_of(path: Path) -> ExportFormat:
-    """Return the format that a file's suffix means.
-
-    Raises InputError if it means none.
-    """
+    """Return the format that a file's suffix means; raises InputError if it means none."""
     form = _SUFFIXES.get(path.suffix.lower())
     if form is None:
         what = f"{path.suffix} is not an export format" if path.suffix else "has no suffix"

@@ -108,7 +108,7 @@ class Log:
         self.remarks: list[str] = []
         """Corrections of the times so far."""
         self._bytes = sum(path.stat().st_size for path in paths)
-        self._position: Callable[[], int] = int
+        self._position: Callable[[], int] = int  # returns 0, as for a journal
         self._journal_hops = HopLosses()
         self._last_ns: int | None = None
         self._first_frame: tuple[int, int, bytes] | None = None
@@ -116,7 +116,7 @@ class Log:
 
     @property
     def hops(self) -> HopLosses:
-        """Losses before the log was written, as stated in it, and unreadable parts of it."""
+        """Losses so far: before the log was written, as it states, and its unreadable records."""
         if self._journal is None:
             return HopLosses(bus_dropped=self.loss.dropped, bus_garbled=self.loss.garbled)
         return self._journal_hops

@@ -23,10 +23,7 @@ LONGEST_NS = 10**18
 
 
 def optional(module: str, extra: str) -> ModuleType:
-    """Return a library of one of the extras of pyproject.toml, which not everybody needs.
-
-    Raises InputError if it is not installed.
-    """
+    """Return a library of an extra of pyproject.toml; raises InputError if it is not installed."""
     try:
         return import_module(module)
     except ImportError as error:
@@ -64,11 +61,11 @@ class LogLoss:
     def text(self) -> str:
         """Counts and notes on one line; empty if nothing is missing."""
         counts = [
-            (self.garbled, "records unreadable"),
-            (self.bytes_cut, "bytes cut off"),
-            (self.dropped, "frames lost by its recorder"),
+            (self.garbled, "record", "unreadable"),
+            (self.bytes_cut, "byte", "cut off"),
+            (self.dropped, "frame", "lost by its recorder"),
         ]
-        losses = [f"{number} {kind}" for number, kind in counts if number]
+        losses = [f"{counted(n, thing)} {fate}" for n, thing, fate in counts if n]
         return "; ".join([", ".join(losses), *self.notes]) if losses else ""
 
 
@@ -127,13 +124,13 @@ class Parsed:
     frames: FrameBatch
     """Frames, in the order of the lines."""
     bad: Sequence[int]
-    """Numbers of the lines in the block that should be frames but cannot be read."""
+    """Numbers, from 0, of the lines that should be frames but cannot be read."""
     dropped: Sequence[tuple[int, int]]
-    """Lines that state lost frames: number of the line in the block, number of frames."""
+    """Lines that state lost frames: number of the line, from 0, and number of frames."""
 
 
 def parsed(block: bytes, parse: LineParser) -> Parsed:
-    """Return the frames of complete lines; empty lines are skipped."""
+    """Return the frames and faulty lines of a block; empty lines are skipped."""
     records: list[Record] = []
     bad, dropped = [], []
     for number_of_line, line in enumerate(block.removesuffix(b"\n").split(b"\n")):
@@ -202,7 +199,7 @@ def spaced_bytes(text: bytes, length: int, base: int) -> bytes:
 
 
 def _without_zeros(data: bytes) -> tuple[bytes, int, int]:
-    """Return text without zero bytes and what they cut off; the numbers of bytes and of cut lines.
+    """Return text without zero bytes and the lines that they cut, and the numbers of both.
 
     A file system may leave zero bytes where a log was written when the power failed.
     """
@@ -246,6 +243,9 @@ def read_lines(
             blocks.append(cut_line)
         for block in blocks:
             result = parsed(block, parse)
+            for number_of_line, frames in result.dropped:
+                note = f"line {lines_before + number_of_line + 1} states"
+                loss.add(f"{note} {counted(frames, 'lost frame')}", dropped=frames)
             if block.endswith(b"\n") or _is_whole(block, result.frames, recent, parse):
                 if result.bad:
                     first = result.bad[0]
@@ -253,9 +253,6 @@ def read_lines(
                     excerpt = printable(line.decode("ascii", "backslashreplace"), 60)
                     note = f"line {lines_before + first + 1} is not a frame: {excerpt!r}"
                     loss.add(note, garbled=len(result.bad))
-                for number_of_line, frames in result.dropped:
-                    note = f"line {lines_before + number_of_line + 1} states"
-                    loss.add(f"{note} {counted(frames, 'lost frame')}", dropped=frames)
                 recent = result.frames
                 yield result.frames
             elif len(result.frames) or result.bad:
@@ -271,9 +268,9 @@ def read_lines(
 def _is_whole(line: bytes, frames: FrameBatch, recent: FrameBatch, parse: LineParser) -> bool:
     """Return whether a last line without an end is a complete frame.
 
-    `frames`: those in the line.  `recent`: those of the lines before it.  A remote frame is
-    complete.  If the format states no length, another one is complete if it is as long as another
-    frame of its identifier.
+    `frames`: those in the line.  `recent`: those of the lines before it.  A remote frame counts as
+    complete; a data frame if the format states its length, or else a recent frame of its identifier
+    is as long.
     """
     if len(frames) != 1:
         return False

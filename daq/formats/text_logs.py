@@ -57,7 +57,7 @@ def _identifier(text: bytes) -> tuple[int, int]:
 
 @lru_cache(256)
 def _bus(interface: bytes) -> int:
-    """Return the number at the end of an interface's name: 1 for vcan1, 0 if there is none."""
+    """Return the last digits of an interface's name that are a bus: 1 for vcan1, 0 for none."""
     digits = re.search(rb"\d{0,3}$", interface)
     value = int(digits[0] or b"0") if digits else 0
     return value if value < 256 else value % 100
@@ -111,7 +111,7 @@ T type, I identifier, d direction, R reserved, l length in bytes, L data length 
 _OVERRUN = re.compile(
     rb"overrun|(?: [0-9a-f]{2}){3} (?:[0-9a-f][2367abef]|[4-7c-f][0-9a-f])\b", re.IGNORECASE
 )
-"""State of the bus in which frames were lost."""
+"""Line on lost frames: the last of 4 bytes has bit 1 or 6 (OVERRUN, QOVERRUN of PCANBasic.h)."""
 _TYPES_1 = {b"rx": 0, b"tx": BITS.TRANSMITTED, b"error": BITS.ERROR, b"warng": None, b"event": None}
 _TYPES_2 = {
     b"dt": 0,

@@ -141,7 +141,7 @@ LOSSES = {
     "one stamp out of line": (
         _asc().replace("0.100000", "-6.10000"),
         19,
-        "1 records unreadable; 1 time stamp out of line with its neighbours, the first at frame 11",
+        "1 record unreadable; 1 time stamp out of line with its neighbours, the first at frame 11",
     ),
     "trc": (
         TRC + "1 1.0 DT 1 0123 Rx - 2 01 02\n2 2.0 ER 1 - Rx - 5 04 00 02 00 00\n"
@@ -152,28 +152,28 @@ LOSSES = {
     "trc of another type": (
         TRC + "1 1.0 DT 1 0123 Rx - 2 01 02\n2 2.0 DZ 1 0123 Rx - 2 01 02\n",
         1,
-        "1 records unreadable; line 5 is not a frame: '2 2.0 DZ 1 0123 Rx - 2 01 02'",
+        "1 record unreadable; line 5 is not a frame: '2 2.0 DZ 1 0123 Rx - 2 01 02'",
     ),
     "an overrun": (
         TRC + "1 1.0 DT 1 0123 Rx - 2 01 02\n2 2.0 ST 1 - Rx - 4 00 00 00 02\n",
         1,
-        "1 frames lost by its recorder; line 5 states 1 lost frame",
+        "1 frame lost by its recorder; line 5 states 1 lost frame",
     ),
     "zeros": (
         "(1.0) can0 123#0102030405060708\n(2.0) can0 12" + "\0" * 200,
         1,
-        "1 records unreadable, 200 bytes cut off; 200 zero bytes up to line 2; "
+        "1 record unreadable, 200 bytes cut off; 200 zero bytes up to line 2; "
         "zero bytes cut 1 line up to line 2",
     ),
     "DROPCOUNT": (
-        "(1.0) can0 123#0102030405060708\nDROPCOUNT: dropped 13 CAN frames (total drops 13)\n",
+        "(1.0) can0 123#0102030405060708\nDROPCOUNT: dropped 13 CAN frames (total drops 13)",
         1,
         "13 frames lost by its recorder; line 2 states 13 lost frames",
     ),
     "a stamp in milliseconds": (
         "(1.0) can0 123#0102030405060708\n(1700000000123) can0 123#0102030405060708\n",
         1,
-        "1 records unreadable; line 2 is not a frame: '(1700000000123) can0 123#0102030405060708'",
+        "1 record unreadable; line 2 is not a frame: '(1700000000123) can0 123#0102030405060708'",
     ),
 }
 

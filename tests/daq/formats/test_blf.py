@@ -243,6 +243,8 @@ def test_a_container_and_the_bytes_that_are_lost_with_it(name: str) -> None:
     content, frames, lost = CONTAINERS[name]
     found, loss = _read(_file(content))
     assert (len(found), loss.garbled, loss.bytes_cut) == (frames, 0, lost)
+    begun = ("a bomb", "begun before a gap", "cut within the data")
+    assert ("an object extends into lost data" in loss.text) is (name in begun)
 
 
 def test_a_file_shorter_than_its_header_states_is_cut_off() -> None:

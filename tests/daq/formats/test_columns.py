@@ -63,8 +63,8 @@ TABLES: dict[str, tuple[str, Expected]] = {
     "words among numbers": ("t,x\n1,2\n3,overload\n", {"t": ("", [1, 3]), "x": ("", [2, nan])}),
     "quotes": ('"t","x, y"\n"1","2"\n', {"t": ("", [1]), "x, y": ("", [2])}),
     "dates": (
-        "when,x\n1970-01-01 00:00:01,2\n1970-01-01T00:00:02.5,3\n",
-        {"when": ("ns", [1e9, 2.5e9]), "x": ("", [2, 3])},
+        "when,x\n1970-01-01 00:00:01,2\n1970-01-01T00:00:02.5,3\n,4\n",
+        {"when": ("ns", [1e9, 2.5e9, nan]), "x": ("", [2, 3, 4])},
     ),
     "mostly numbers": (
         "a,b,c\n1,2,on\n3,4,off\n",
