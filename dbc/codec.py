@@ -68,7 +68,7 @@ class SignalLayout:
 
     @property
     def first_bit(self) -> int:
-        """The first bit of the signal, counted in the order in which its bits are sent."""
+        """Its first bit; the bits of a byte count from the highest (Motorola) or lowest (Intel)."""
         return self.start ^ 7 if self.byte_order == "big" else self.start
 
     @property
@@ -117,7 +117,7 @@ class MessageLayout:
     cycle_s: float | None
     """Time between two frames, s; None where the DBC states none."""
     signals: tuple[SignalLayout, ...]
-    """Signals, in the order of their bits in the DBC."""
+    """Signals, in the order of `first_bit`."""
     counter: CounterRule | None
     """The signal that the DBC marks as rolling counter."""
     crc: str | None
@@ -240,7 +240,7 @@ class Decoded:
     """The result of decoding a batch of frames."""
 
     samples: Mapping[str, Samples]
-    """Samples by signal, of the messages in the batch.  Signals of all frames share `t_ns`."""
+    """Samples by signal, of the messages in the batch.  Signals in all frames share `t_ns`."""
     counts: DecodeCounts
 
     def __getitem__(self, signal: str) -> Samples:
@@ -266,7 +266,7 @@ class Codec:
 
     @cached_property
     def _n_buses(self) -> int:
-        """Number from which on buses have the same messages: those that are of any bus."""
+        """Number of the first bus from which on only messages of any bus are known."""
         return max((m.bus + 1 for m in self.messages if m.bus is not None), default=0)
 
     @cached_property
@@ -346,11 +346,11 @@ class Codec:
     ) -> NDArray[np.uint8]:
         """Return frames of one message, payloads padded with zeros, (n, 8) or (n, 64) uint8.
 
-        `values`: by signal, (n,), in the DBC's own units, rounded to the nearest raw value; all
-        bits of other signals are 0.  `counter_start`: counter of the first frame; it grows by one
-        with each, and wraps.  Counter and checksum are filled in here.  Raises KeyError if the DBC
-        has no such message or signal, ValueError if a value exceeds its bits (a saturating sensor
-        must saturate before), columns differ in length, or a signal is multiplexed.
+        `values`: by signal, one or more, (n,), in the DBC's own units, rounded to the nearest raw
+        value; bits of other signals are 0.  `counter_start`: counter of the first frame; it grows
+        by one with each, and wraps.  Counter and checksum are filled in here.  Raises KeyError if
+        the DBC has no such message or signal, ValueError if a value exceeds its bits (a saturating
+        sensor must saturate before), columns differ in length, or a signal is multiplexed.
         """
         layout = self.message(message)
         columns = {name: np.asarray(value, np.float64) for name, value in values.items()}

@@ -36,11 +36,12 @@ _EXTENDED = 1 << 31
 
 _HUGE = re.compile(
     r"""\b(?:length|offset|count|len)\s*=\s*["']?\d{5}"""
-    r"|\b(?:unsigned|signed|float|double|bit|char|string|raw)\s+\d{5}|(?:LENGTH|POSITION)>\s*\d{7}"
+    r"|\b(?:unsigned|signed|float|double|bit|char|string|raw)\s+\d{5}(?!\d* +-?\d)"
+    r"|(?:LENGTH|POSITION)>\s*\d{7}"
     r"|^\s*BO_\s+\d+\s+\w+\s*:\s*\d{5}|^\s*SG_\s[^:\n]*:\s*(?:\d+\s*\|\s*)?\d{5}",
     re.IGNORECASE | re.MULTILINE,
 )
-"""Numbers beyond any payload, which cantools would build."""
+"""Lengths beyond any payload, which cantools would build; two numbers are the range of a FLOAT."""
 
 
 def shipped_dbc() -> str:
@@ -74,9 +75,9 @@ def load_codec(path: str | Path) -> Codec:
 def parse_codec(text: str, name: str) -> Codec:
     """Return the messages of a database's text, ready to decode.
 
-    Messages that share a name are loaded as ``Name_0x1A0``.  `text` is a DBC, KCD, SYM or ARXML;
-    recognised by its beginning, else by the suffix of `name`, which errors name.  Raises InputError
-    if it is no CAN database, ends within a definition, or none of its messages can be used.
+    Messages that share a name are loaded as ``Name_0x1A0``.  `text`: a DBC, KCD, SYM or ARXML, as
+    its beginning shows, or else the suffix of `name`, its file.  Raises InputError if it is no CAN
+    database, ends within a definition, or none of its messages can be used.
     """
     if not text.strip():
         raise InputError(name, "the file is empty", _ADVICE)
@@ -125,7 +126,8 @@ def _with_unique_names(
             continue
         if name_counts[name] > 1:
             name += f"_0x{layout.can_id:X}"
-            name += "x" if name in by_name else ""  # that one has 11 bits
+        while name in by_name:  # of the other length of identifier, or so named in the database
+            name += "x"
         by_name[name] = replace(layout, name=name)
     return tuple(by_name.values())
 
@@ -315,7 +317,7 @@ def _layout(
 ) -> tuple[MessageLayout, Mapping[str, str]]:
     """Return a message without the signals that cannot be decoded, and their faults by name.
 
-    `multiplexed`: signals that only some frames hold.  Raises ValueError with the reason.
+    `multiplexed`: signals that only some frames hold.  Raises ValueError if it is of no use.
     """
     if message.is_container:
         raise ValueError("is a container of other messages")

@@ -19,7 +19,7 @@ class FrameFlag(IntFlag):
     ERROR = 4
     FD = 8
     BITRATE_SWITCH = 16
-    ERROR_STATE = 32
+    ERROR_STATE = 32  # ESI of an FD frame: its sender is error-passive
     TRANSMITTED = 64
     """Sent by this host: an echo.  Echo frames are measurements like any other frame."""
 
@@ -57,13 +57,13 @@ class FrameBatch:
     can_id: NDArray[np.uint32]
     """Identifier, 11 or 29 bits, without flag bits, shape (n,)."""
     flags: NDArray[np.uint16]
-    """Bits of `FrameFlag`."""
+    """Bits of `FrameFlag`, shape (n,)."""
     bus: NDArray[np.uint8]
     """Index of the bus in the configuration, shape (n,)."""
     length: NDArray[np.uint8]
     """Number of payload bytes, shape (n,)."""
     data: NDArray[np.uint8]
-    """Payload, padded with zeros."""
+    """Payloads, padded with zeros, shape (n, 8) or (n, 64)."""
 
     def __post_init__(self) -> None:
         n = len(self.t_ns)
@@ -83,7 +83,7 @@ class FrameBatch:
         return type(self)(*(getattr(self, name)[index] for name, _ in _COLUMNS))
 
     def by_time(self) -> Self:
-        """Return the frames in order of time; those of one time keep theirs."""
+        """Return the frames in order of time; those of one time stay in order of arrival."""
         return self.select(np.argsort(self.t_ns, kind="stable"))
 
     def within(self, spans: Iterable[tuple[int, int]]) -> Self:
@@ -109,7 +109,7 @@ class FrameBatch:
 
     @classmethod
     def from_rows(cls, rows: Sequence[tuple[int, int, int, int, int, bytes]]) -> Self:
-        """Return frames of tuples, each the columns of one frame, with its payload unpadded."""
+        """Return frames from tuples, each the fields of one in order, its payload unpadded."""
         if not rows:
             return cls.empty()
         *columns, payloads = zip(*rows, strict=True)

@@ -52,10 +52,10 @@ _CHARACTERS = str.maketrans(
     | dict.fromkeys("\u03bc\u00b5", "u")  # Greek mu, and the sign of micro
 )
 """Different characters that editors write for the same sign."""
-_NOTATIONS = (("*s", ".s"), ("s^-", "s-"), ("^2", "2"), ("**2", "2"))
+_NOTATIONS = (("*s", ".s"), ("s^-", "s-"), ("^2", "2"), ("**2", "2"))  # products and powers
 _SPELLINGS = {
     "": "none None n/a Unit_None",
-    "m/s2": """m/s/s m/sec2 mps2 m.s-2 meter/s2 meters/s2 m/s^2 Unit_MeterPerSeconSquar
+    "m/s2": """m/s/s m/sec2 mps2 m.s-2 meter/s2 meters/s2 Unit_MeterPerSeconSquar
         Unit_MeterPerSecondSquared Unit_MeterPerSquareSecond""",
     "g": "G gn g0 Unit_ForceOfGravi",
     "rad/s": "rad/sec rad.s-1 radian/s radians/s",
@@ -81,7 +81,7 @@ _UNIT_OF_SPELLING = {word: unit for unit, words in _SPELLINGS.items() for word i
 
 def known_si(unit: str) -> SiUnit | None:
     """Return the conversion of a DBC's unit to SI; None if the table does not hold the unit."""
-    with suppress(UnicodeError):  # UTF-8 that was read as Windows-1252 has a wrong letter more
+    with suppress(UnicodeError):  # UTF-8 that was read as Windows-1252 has one letter too many
         unit = unit.encode("cp1252").decode("utf-8")
     unit = unit.translate(_CHARACTERS)
     for variant, plain in _NOTATIONS:

@@ -99,8 +99,8 @@ def seconds_text(t_ns: int) -> str:
 def csv_text(text: str) -> str:
     """Return foreign text for a cell of CSV: no spreadsheet takes it as a formula.
 
-    It gets an apostrophe before a character that begins a formula, unless it is a number;
-    characters that control a terminal are replaced.
+    A text that begins as a formula does gets an apostrophe before it, unless it is a number.
+    Characters that control a terminal are replaced.
     """
     printed = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
     if printed[:1] not in set("=+-@"):

@@ -131,6 +131,7 @@ REPAIRED = {
     "11 bits": f"{HEAD}{M}{N}".replace("256", "2048"),
     "table of none": f'{HEAD}{M}{N}VAL_ 256 q 1 "a";\nVAL_ 9 s 1 "a";\n',
     "unknown": f"{HEAD}{M}{N}FOO_ bar;\n",
+    "range of a FLOAT": f'{HEAD}{M}{N}BA_DEF_ BO_ "f" FLOAT 10000 20000;\n',
 }
 
 
@@ -215,8 +216,8 @@ def test_ranges_of_selectors_have_a_limit(values: int, loads: bool) -> None:
 
 def test_messages_of_one_name_have_their_identifier_in_it() -> None:
     far = M.replace("256", str((1 << 31) + 256))
-    codec = parse_codec(HEAD + M + N + far, "x.dbc")
-    assert [m.name for m in codec.messages] == ["M_0x100", "N", "M_0x100x"]
+    codec = parse_codec(HEAD + M + N + far + N.replace("257 N", "258 M_0x100"), "x.dbc")
+    assert [m.name for m in codec.messages] == ["M_0x100", "N", "M_0x100x", "M_0x100xx"]
     decoded = codec.decode(block([b"\2\0\7\0\0\0\0\0"], [256]))
     assert decoded["M_0x100.s"].value.tolist() == [1.0]
 
