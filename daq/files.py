@@ -51,10 +51,10 @@ def input_bytes(path: Path, advice: str, most_bytes: int = -1) -> bytes:
     file, or cannot be read.
     """
     where = str(path)
-    if not path.is_file():
-        problem = "is a directory" if path.is_dir() else "is not a regular file"
-        raise InputError(where, problem if path.exists() else "no such file", advice)
     try:
+        if not path.is_file():
+            problem = "is a directory" if path.is_dir() else "is not a regular file"
+            raise InputError(where, problem if path.exists() else "no such file", advice)
         with path.open("rb") as file:
             content = file.read(most_bytes)
     except OSError as error:
@@ -104,7 +104,7 @@ def write_bytes(path: Path, data: bytes | memoryview) -> None:
 
 
 def write_named(path: Path, data: bytes) -> None:
-    """Write a file that a user names, and its folder; an older one stays complete until then.
+    """Write a file that a user names, and its folder; an older one stays until it is whole.
 
     Raises InputError if it cannot be written.
     """
@@ -129,7 +129,7 @@ def replaced(targets: Sequence[Path]) -> Iterator[list[Path]]:
     folder of each target, with its ending and a random name.  The data are on the disk before a
     file gets its name, and the name when this returns.  Access rights of a replaced file stay; a
     link is replaced, not followed.  What a killed process left is deleted after an hour.  Raises
-    OSError if a file cannot be written, synced or moved; the targets are then unchanged.
+    OSError if a file cannot be written, synced or moved; targets not yet moved are unchanged.
     """
     new_files: list[Path] = []
     try:
@@ -145,7 +145,7 @@ def replaced(targets: Sequence[Path]) -> Iterator[list[Path]]:
         yield list(new_files)
         for new_file, target in zip(new_files, targets, strict=True):
             with new_file.open("r+b") as file:
-                os.fsync(file.fileno())
+                sync_data(file.fileno())
             with suppress(OSError):  # a new file has the rights that the umask gives
                 old_state = target.lstat()
                 if stat.S_ISREG(old_state.st_mode):

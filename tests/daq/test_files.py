@@ -11,12 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from daq.files import (
-    make_room,
-    replaced,
-    sync_data,
-    write_bytes,
-)
+from daq.files import make_room, replaced, sync_data, write_bytes
 from dbc.words import InputError
 
 
@@ -55,7 +50,8 @@ def test_data_are_synced_before_the_name_and_the_folder_after_it(
         steps.append((name, path.read_bytes()))
         really(fd)
 
-    monkeypatch.setattr(os, "fsync", sync)
+    for name in ("fdatasync", "fsync"):
+        monkeypatch.setattr(os, name, sync)
     write_bytes(path, b"new")
     assert steps == [(".a.#.tmp", b"old"), (tmp_path.name, b"new")]
 
@@ -69,7 +65,7 @@ def test_a_file_that_cannot_be_synced_does_not_replace_the_old_one(
     def refuse(fd: int) -> None:
         raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr(os, "fsync", refuse)
+    monkeypatch.setattr("daq.files.sync_data", refuse)
     with pytest.raises(OSError, match="Input/output"):
         write_bytes(path, b"new")
     assert path.read_bytes() == b"old"

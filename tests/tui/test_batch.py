@@ -132,7 +132,7 @@ def test_a_table_that_the_disk_refuses_is_named(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     (file,) = map(str, write_all(tmp_path / "s", refused_session, 1))
-    monkeypatch.setattr("daq.files.os.fsync", full)
+    monkeypatch.setattr("daq.files.sync_data", full)
     assert run(["batch", "--workers", "1", file, "--out", str(tmp_path / "t.csv")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "t.csv: No space left on device (name another file" in line

@@ -183,7 +183,7 @@ def test_a_proposal_that_the_disk_refuses_leaves_no_file(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("daq.files.os.fsync", full)
+    monkeypatch.setattr("daq.files.sync_data", full)
     assert run(["check", "--propose", str(tmp_path / "bench.toml")]) == 2
     assert "No space left" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
