@@ -53,6 +53,7 @@ def play(
             for number, t_ns, message in rows:
                 if speed:
                     since_last_s = (t_ns - last_ns) * 1e-9
+                    # Stamps that go back by less than 1 s are disorder between buses.
                     if first_sent_s is None or not -1.0 < since_last_s < LONGEST_SILENCE_S:
                         first_ns, first_sent_s = t_ns, time.monotonic()
                     last_ns = t_ns
@@ -78,11 +79,12 @@ def _send(bus: can.BusABC, message: can.Message) -> None:
             bus.send(message)
             return
         except (CanError, OSError, ValueError) as error:
-            # Backends raise ValueError for a frame that this bus can never take.
-            pause_s = None if isinstance(error, ValueError) else next(pauses_s, None)
+            is_impossible = isinstance(error, ValueError)  # on this bus, as backends say
+            pause_s = None if is_impossible else next(pauses_s, None)
             if pause_s is None:
                 what = f"takes no frame: {error}"
                 advice = "check that the interface is up and that another node acknowledges"
+                advice = "name a bus that carries such frames" if is_impossible else advice
                 raise BusError(bus.channel_info, what, advice) from error
         time.sleep(pause_s)
 
@@ -93,7 +95,7 @@ def whole_frames(session: Session, path: Path) -> FrameBatch:
     A session file has only the runs.  Without the frames between them the counters of the sensors
     would report losses, which would be attributed to the run before each gap.
 
-    `path`: its file; the journal from which it was built is in the folder `journal` in its folder.
+    `path`: the session's file; the journal from which it was built is in `journal` beside it.
     Raises InputError if the journal is missing or incomplete.
     """
     of_runs = session.frames
@@ -114,7 +116,8 @@ class RecordedSource(FrameSource):
 
     Time stamps keep their intervals; gaps longer than `LONGEST_GAP_S` are shortened to it.
 
-    `speed`: seconds of the recording that pass in one second.  `start_ns`: first stamp, ns UTC.
+    `frames`: of all buses, in order of time.  `bus`: number of the bus that is read.  `speed`:
+    seconds of the recording that pass in one second.  `start_ns`: first stamp, ns UTC.
     """
 
     def __init__(self, frames: FrameBatch, bus: int, speed: float, start_ns: int) -> None:

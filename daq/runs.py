@@ -82,9 +82,9 @@ class Losses:
     counter_gaps: int = 0
     """Frames that are missing according to the sensors' rolling counters."""
     crc_bad: int = 0
-    """Frames whose checksum does not match; stored raw, not decoded."""
+    """Frames whose checksum does not match; stored raw, their samples are unusable."""
     wrong_length: int = 0
-    """Frames with another length than in the DBC; stored raw, not decoded."""
+    """Frames with another length than in the DBC; of a shorter one signals are missing."""
     unknown_id: int = 0
     """Frames whose identifier is not in the DBC; stored raw, not decoded."""
     error_frames: int = 0
@@ -94,12 +94,12 @@ class Losses:
 
     @property
     def unusable(self) -> int:
-        """Number of frames that are stored, and did not become samples."""
+        """Number of frames that are stored, but damaged or of another length."""
         return self.crc_bad + self.wrong_length
 
     @property
     def measured(self) -> int:
-        """Number of frames that did not become samples, without those of foreign identifiers."""
+        """Number of frames that are lost or unusable, without those of unknown identifiers."""
         lost = self.bus_dropped + self.bus_garbled + self.queue_dropped + self.counter_gaps
         return lost + self.unusable
 

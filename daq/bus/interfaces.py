@@ -187,8 +187,8 @@ def _reason(error: BaseException) -> str:
 class PythonCanSource:
     """A python-can bus, open, read in blocks of frames with the bus number `index`.
 
-    `gather_s`: time, s, for which stamped frames may collect in the interface; it is then asked,
-    and never waits itself: backends measure that by the wall clock, which may be set.  With 0 each
+    `gather_s`: time, s, for which stamped frames may collect in the interface; `recv` is then never
+    let wait: backends measure its wait by the wall clock, which may be set.  With 0 each
     frame is read when it arrives, and the block ends `GATHER_S` after the first.  `now_ns`: the
     host's clock. `on_axis`: converts stamps of the wall clock, (n,) int64
     (`SteadyClock.from_wall`).

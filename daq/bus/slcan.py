@@ -26,7 +26,7 @@ BITRATE_CODES = {round(1000 * kbit_s): f"S{code}" for code, kbit_s in enumerate(
 """Command that sets each bit rate of the bus."""
 SILENCE_S = 2.0
 """Silence after which the setup is sent again, s: some adapters reset on opening, and miss it."""
-_BLOCK_BYTES = BLOCK_FRAMES * 22  # standard frames of 8 bytes; FD frames make smaller blocks
+_BLOCK_BYTES = BLOCK_FRAMES * 22  # of standard frames of 8 bytes; of shorter ones it holds more
 _STAMP_DIGITS = 4
 LONGEST_LINE = 1 + 8 + 1 + 2 * 64 + _STAMP_DIGITS  # kind, identifier, length code, payload
 

@@ -23,7 +23,7 @@ from ..bench.config import BusConfig
 from ..runs import Losses
 
 BLOCK_FRAMES = 2048
-"""Largest number of frames that a source returns at once."""
+"""Number of frames at which a block is full; slcan counts bytes instead."""
 GATHER_S = 0.01
 """Time, s, for which a source waits for more frames after the first: the cost of a block is shared
 by all frames in it, and each frame still has its own time of arrival."""
@@ -71,7 +71,7 @@ class HopLosses(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class LinkFacts:
-    """State of the link to one bus; a source that fails is opened again (`daq.bus.source`)."""
+    """State of the link to one bus; a source that fails is opened again (`Link`)."""
 
     name: str
     """Name of the bus for the operator."""
@@ -102,7 +102,7 @@ class FrameSource(Protocol):
     def read(self, timeout_s: float) -> FrameBatch:
         """Return the frames received; wait up to `timeout_s` for the first.
 
-        Raises BusError if the bus is lost.  Frames read before that have been returned.
+        Raises BusError if the bus is lost; earlier calls have returned all frames read before.
         """
 
     def losses(self) -> HopLosses:
@@ -119,7 +119,7 @@ def wire_bits(frames: FrameBatch) -> NDArray[np.float64]:
 
     bench.toml has no data bit rate: fast data of FD frames are assumed four times as fast.
     """
-    data_bits = 8.0 * frames.length
+    data_bits = np.where(frames.flags & np.uint16(FrameFlag.REMOTE), 0.0, 8.0 * frames.length)
     fast = frames.flags & np.uint16(FrameFlag.BITRATE_SWITCH)
     if np.count_nonzero(fast):
         data_bits /= np.where(fast, 4, 1)

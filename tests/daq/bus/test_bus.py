@@ -16,11 +16,7 @@ from can.interfaces import BACKENDS
 
 from daq.bench.config import BusConfig
 from daq.bus.error_frames import ControllerState, describe_error_frame
-from daq.bus.interfaces import (
-    PythonCanSource,
-    open_bus,
-    open_source,
-)
+from daq.bus.interfaces import PythonCanSource, open_bus, open_source
 from daq.bus.source import BusError, FrameSource, wire_bits
 from dbc.frames import FrameBatch, FrameFlag
 
@@ -342,6 +338,7 @@ FAST = FrameFlag.FD | FrameFlag.BITRATE_SWITCH
     [
         (0, 0, 47),
         (0, 8, 47 + 64),
+        (FrameFlag.REMOTE, 8, 47),  # asks for 8 bytes and has none
         (FrameFlag.EXTENDED, 8, 67 + 64),
         (FD, 64, 47 + 512),
         (FAST, 64, 47 + 128),  # its data four times as fast

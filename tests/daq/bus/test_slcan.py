@@ -13,13 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.bus.slcan import (
-    BITRATE_CODES,
-    LONGEST_LINE,
-    SlcanSource,
-    open_slcan,
-    parse_slcan,
-)
+from daq.bus.slcan import BITRATE_CODES, LONGEST_LINE, SlcanSource, open_slcan, parse_slcan
 from daq.bus.source import BusError
 from dbc.frames import FrameBatch
 
