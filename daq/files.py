@@ -84,9 +84,9 @@ def refuse_existing(
     """Raise InputError if a file to write exists, is a folder or is read by the same command.
 
     Every command replaces an existing file only after the explicit word ``--force`` (`replace`),
-    because it may hold measured data or somebody's work.  Made again without it are pages and
+    because it may hold measured data or somebody's work.  Without it are made again: pages and
     figures, the table of a batch, and the session of a recording whose journal has it all.  What a
-    command reads it never replaces.  `option`: it names the file.  `inputs`: files that are read.
+    command reads it never replaces.  `option`: that names the file.  `inputs`: files that are read.
     """
     if path.resolve() in {input_path.resolve() for input_path in inputs}:
         raise InputError(str(path), "is read here", f"name another file with {option}")

@@ -32,7 +32,7 @@ LONGEST_GAP_S = 3.0
 def play(
     batches: Iterable[FrameBatch], bus: can.BusABC, speed: float | None, *others: can.BusABC
 ) -> Iterator[int]:
-    """Send frames in the order given; yield the number sent, after each block.
+    """Send frames in the order given; yield the number sent so far, after each block.
 
     Frames are sent while the result is iterated.  Error frames are left out: no controller can be
     made to send one.  `bus`, `others`: a frame is sent on the bus of its number, or on the first.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -110,6 +111,7 @@ class Log:
         self._bytes = sum(path.stat().st_size for path in paths)
         self._position: Callable[[], int] = int  # returns 0, as for a journal
         self._journal_hops = HopLosses()
+        self._held = FrameBatch.empty()  # last frame read: the one after it shows if it is a stray
         self._last_ns: int | None = None
         self._first_frame: tuple[int, int, bytes] | None = None
         self._shift_ns = 0  # is added to the time stamps of the present part
@@ -129,7 +131,7 @@ class Log:
     def __iter__(self) -> Iterator[FrameBatch]:
         """Yield the blocks that have frames; raises InputError if there is none at the end."""
         try:
-            for batch in self._batches():
+            for batch in chain(self._batches(), [FrameBatch.empty()]):
                 # Events of a journal have the stamps of its frames, which therefore stay.
                 in_order = self._in_order(batch) if self._journal is None else batch
                 if len(in_order):
@@ -162,17 +164,21 @@ class Log:
             self._position = lambda: self._bytes
 
     def _in_order(self, batch: FrameBatch) -> FrameBatch:
-        """Return a block without frames whose stamp is out of line, and with each part later.
+        """Return frames without those whose stamp is out of line, each part after the one before.
 
-        Where stamps go back by more than `RESTART_NS` a part begins: its stamps are moved behind
-        the part before it.  Raises InputError if the part repeats the log from its first frame, or
-        there are too many parts.
+        The last frame of a block is returned with the next block, which shows if it is a stray, or
+        with an empty one.  Where stamps go back by more than `RESTART_NS` a part begins: its stamps
+        are moved behind the part before it.  Raises InputError if the part repeats the log from its
+        first frame, or there are too many parts.
         """
-        if not len(batch):
-            return batch
-        last_ns = int(batch.t_ns[0]) if self._last_ns is None else self._last_ns
-        self._first_frame = self._first_frame or _frame(batch, 0)
-        batch = self._without_strays(batch, last_ns)
+        read = FrameBatch.concatenate([self._held, batch])
+        if not len(read):
+            return read
+        last_ns = int(read.t_ns[0]) if self._last_ns is None else self._last_ns
+        self._first_frame = self._first_frame or _frame(read, 0)
+        read = self._without_strays(read, last_ns)
+        n = len(read) - 1 if len(batch) else len(read)  # after an empty block all
+        batch, self._held = read.select(slice(n)), read.select(slice(n, None))
         raw_ns = batch.t_ns  # as in the file
         t_ns = raw_ns + self._shift_ns
         for row in np.flatnonzero(np.diff(raw_ns, prepend=last_ns) < -RESTART_NS).tolist():
@@ -190,7 +196,7 @@ class Log:
             t_ns[row:] = raw_ns[row:] + self._shift_ns
             later = f"the rest is taken as a later part, {self._shift_ns * 1e-9:.3f} s later"
             self.remarks.append(f"{step_back}: {later}")
-        self._last_ns = int(raw_ns[-1])
+        self._last_ns = int(raw_ns[-1]) if n else self._last_ns
         return replace(batch, t_ns=read_only(t_ns)) if self._shift_ns else batch
 
     def _without_strays(self, batch: FrameBatch, last_ns: int) -> FrameBatch:
@@ -214,14 +220,12 @@ class Log:
 
 def _frame(batch: FrameBatch, row: int) -> tuple[int, int, bytes]:
     """Return time stamp, identifier and payload of a frame."""
-    return int(batch.t_ns[row]), int(batch.can_id[row]), batch.data[row].tobytes()
+    payload = batch.data[row, : batch.length[row]].tobytes()
+    return int(batch.t_ns[row]), int(batch.can_id[row]), payload
 
 
 def read_logs(paths: Sequence[Path]) -> list[Log]:
-    """Return the logs in files; neighbouring segments of a journal are one log.
-
-    Raises InputError as `Log`.
-    """
+    """Return the logs in files; neighbouring segments of a journal are one.  Raises as `Log`."""
     files_of_logs: list[tuple[LogFormat, list[Path]]] = []
     for path in paths:
         form = detect(path)

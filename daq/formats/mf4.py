@@ -134,7 +134,7 @@ def _bus_logging(mdf: Any, where: str, loss: LogLoss) -> Iterator[_Group]:
 
 
 def _frames(mdf: Any, group: _Group, rows: slice, start_ns: int, loss: LogLoss) -> FrameBatch:
-    """Return the frames in records; records that no frame can be are left out and counted."""
+    """Return the frames in records; records that cannot be frames are left out and counted."""
     n = rows.stop - rows.start
     fields: dict[str, NDArray[np.int64]] = {}
     for name in {"ID", "DLC", "DataLength", "BusChannel", *_BITS} & group.fields.keys():

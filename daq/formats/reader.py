@@ -157,10 +157,7 @@ def _is_possible(t_ns: int, can_id: int, flags: int, bus: int, length: int, payl
 
 
 def nanoseconds(text: bytes) -> int:
-    """Return a time in decimal seconds as whole ns; digits beyond them are cut off.
-
-    Raises ValueError if it is none.
-    """
+    """Return decimal seconds as ns, further digits cut off; raises ValueError if it is none."""
     whole, _, fraction = text.partition(b".")
     digits = whole + (fraction + b"000000000")[:9]
     # `int` would take spaces, + and _, and the zeros alone for a time.

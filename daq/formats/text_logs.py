@@ -129,10 +129,7 @@ _TYPES_2 = {
 
 
 class TrcParser:
-    """Parses a TRC log line by line; remembers its header.
-
-    The header states local time without a zone; as in python-can it is read as UTC.
-    """
+    """Parses a TRC log line by line; its header's local time is read as UTC, as in python-can."""
 
     states_length = spaced = True
 

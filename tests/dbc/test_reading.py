@@ -322,20 +322,7 @@ def test_an_identifier_of_two_buses_is_left_out_unless_both_mean_the_same() -> N
 # Databases with random faults: each is read, repaired or refused in one line --------------------
 
 TEXTS = {"dbc": shipped_dbc(), "kcd": TWO_BUSES, "sym": SYM_TEXT, "arxml": arxml()}
-PIECES = (
-    '"',
-    ";",
-    "\n",
-    "BO_ ",
-    " SG_ ",
-    "VAL_ ",
-    "SG_MUL_VAL_ ",
-    "-",
-    "99999",
-    "ü",
-    "<",
-    ">",
-)
+PIECES = ('"', ";", "\n", "BO_ ", " SG_ ", "VAL_ ", "SG_MUL_VAL_ ", "-", "99999", "ü", "<", ">")
 
 
 def outcome(rng: np.random.Generator, kind: str) -> str:

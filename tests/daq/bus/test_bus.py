@@ -1,4 +1,4 @@
-"""The numbers are those of linux/can/error.h."""
+"""Buses of python-can, from opening to loss; error frames; the time of a frame on the wire."""
 
 from __future__ import annotations
 
