@@ -31,19 +31,19 @@ class Step:
         return run_label(self.mass_state, self.excitation, self.repeat)
 
 
-def numbered(labels: Iterable[Sequence[str]]) -> tuple[Step, ...]:
+def numbered(pairs: Iterable[Sequence[str]]) -> tuple[Step, ...]:
     """Return steps for pairs of mass state and excitation, with repeats counted in their order.
 
     Raises InputError if an entry is no pair, or has no known excitation.
     """
     steps: list[Step] = []
     repeats: Counter[tuple[str, str]] = Counter()
-    for label in labels:
-        if len(label) != 2 or label[1] not in set(Excitation):
-            kinds = ", ".join(Excitation)
-            what = f"{':'.join(label)!r} is not a run"
-            raise InputError("runs", what, f"write MASS_STATE:EXCITATION, one of {kinds}")
-        state, kind = label[0], Excitation(label[1])
+    for pair in pairs:
+        if len(pair) != 2 or pair[1] not in set(Excitation):
+            what = f"{':'.join(pair)!r} is not a run"
+            advice = f"write MASS_STATE:EXCITATION, one of {', '.join(Excitation)}"
+            raise InputError("runs", what, advice)
+        state, kind = pair[0], Excitation(pair[1])
         repeats[state, kind] += 1
         steps.append(Step(state, kind, repeats[state, kind]))
     return tuple(steps)
@@ -74,6 +74,7 @@ class Campaign:
     mass_states: Annotated[tuple[str, ...], NO_KEY] = (BASELINE, ADDED)
     """The states of loading, in the order of the fewest changes of masses."""
     bump_s: Annotated[float, Field(gt=0, le=10)] = 0.2
+    """Time for which a wheel is on the bump, s."""
     method: Method = Method.ROLL_OVER
     bump_height_m: Annotated[
         float,
@@ -98,6 +99,11 @@ class Campaign:
             for repeat in range(1, self.repeats + 1)
         )
 
+    def method_of(self, excitation: Excitation) -> Method:
+        """Return the way in which a bump is made: what a push cannot make is dropped off blocks."""
+        is_push = self.method is Method.PUSH
+        return Method.DROP if is_push and BUMPS[excitation].hand is None else self.method
+
 
 def instruction(campaign: Campaign, excitation: Excitation) -> str:
     """Return the operator's instruction for a bump."""
@@ -112,9 +118,7 @@ def sketch(campaign: Campaign, excitation: Excitation) -> tuple[str, ...]:
 
     At most 8 lines of at most 30 plain ASCII characters.
     """
-    bump, method = BUMPS[excitation], campaign.method
-    if bump.hand is None and method is Method.PUSH:
-        method = Method.DROP
+    bump, method = BUMPS[excitation], campaign.method_of(excitation)
     board, wheel, legend = {
         Method.ROLL_OVER: ("===", "[ ]", "=== board"),
         Method.DROP: ("   ", "[#]", "[#] wheel on a block"),

@@ -15,7 +15,6 @@ from dbc import Codec, FrameBatch
 
 from ..bench.campaign import Method, Step
 from ..bench.config import Bench
-from ..bumps import BUMPS
 from ..bus.source import BusError, FrameSource
 from ..check.pushes import ORDER
 from ..control.messages import Phase, Status
@@ -79,7 +78,7 @@ def _bumped(rig: Rig, step: Step, twice: bool) -> Manoeuvre:
             pose, velocity, _ = motion.at(np.array([second_s]))
             again = Motion.over(replace(bump, start_s=second_s), plant, pose, velocity)
             motion = Spliced(motion, again, second_s)
-    elif campaign.method is Method.PUSH and BUMPS[kind].hand is not None:
+    elif campaign.method_of(kind) is Method.PUSH:
         length_s += PUSHED_S
         motion = pushed_down(plant, kind, height_m, LEAD_S)
     else:  # it is on the blocks before they are removed

@@ -61,14 +61,14 @@ class Pattern(NamedTuple):
 
 
 def patterns(bench: Bench, signals: tuple[Trace, ...]) -> tuple[Pattern, ...]:
-    """Return the patterns of a bump: from four hubs, else from four travels and from the body.
+    """Return the patterns of a bump: from four hubs, else from four heights and from the body.
 
-    A push by hand is judged from four travels, else from the body.  Empty if the sensors show none
-    of these.  Travels alone may be misleading with stiff anti-roll bars, which move one wheel with
-    the other.
+    The heights are hub displacements, else travels, which alone may be misleading: stiff anti-roll
+    bars move one wheel with the other.  A push by hand is judged from four travels, else from the
+    body.  Empty if the sensors show none of these.
     """
     hubs = _of_four_corners(signals, Quantity.HUB_ACCELERATION)
-    heaves = _of_four_corners(signals, Quantity.HUB_DISPLACEMENT)
+    hub_heights = _of_four_corners(signals, Quantity.HUB_DISPLACEMENT)
     travels = _of_four_corners(signals, Quantity.SUSPENSION_TRAVEL)
     is_push = bench.campaign.method is Method.PUSH
     if is_push and travels:
@@ -77,17 +77,18 @@ def patterns(bench: Bench, signals: tuple[Trace, ...]) -> tuple[Pattern, ...]:
         # After 2.5 s the rear axle has met a board too, at walking pace.
         motion = [trace.rms(-STRIKE_S / 2, 2.5) for trace in hubs]
         return (_of_wheels(bench, np.array(motion), "hubs"),)
-    found = []
-    if (heaves or travels) and not is_push:
+    shown = []
+    if (hub_heights or travels) and not is_push:
         # A wheel on the board goes up; the body rises after it and pulls the other wheels down.
         upwards = -1.0 if bench.campaign.method is Method.DROP else 1.0
-        on_bump = [upwards * t.part(0.0, bench.campaign.bump_s) for t in heaves or travels]
+        on_bump = [upwards * t.part(0.0, bench.campaign.bump_s) for t in hub_heights or travels]
         rise = [float(np.max(value, initial=0.0)) for value in on_bump]
-        found.append(_of_wheels(bench, np.array(rise), "travels"))
+        by = "hub displacements" if hub_heights else "travels"
+        shown.append(_of_wheels(bench, np.array(rise), by))
     body = _moved_body(bench, signals)
     if body is not None:
-        found.append(_of_body(bench.campaign.excitations, body, "body's motion"))
-    return tuple(found)
+        shown.append(_of_body(bench.campaign.excitations, body, "body's motion"))
+    return tuple(shown)
 
 
 def _of_four_corners(signals: tuple[Trace, ...], quantity: Quantity) -> tuple[Trace, ...]:

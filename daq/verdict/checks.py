@@ -169,7 +169,7 @@ def overload(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Ite
 
 
 def _cut_s(trace: Trace, is_saturated: bool) -> NDArray[np.float64]:
-    """Return the times after the onset at which a trace is at the end of its range, s.
+    """Return the times since the bump began at which a trace is at the end of its range, s.
 
     `is_saturated`: the decoder saw samples at the end, so every extreme sample is one.
     """
@@ -252,7 +252,7 @@ def _size_text(value: float, unit: str) -> str:
 
 
 def too_weak(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Iterator[Finding]:
-    """Compare the peak with the trigger's level and, if it reached it, with the noise."""
+    """Compare the peak with the trigger's level and, if that suffices, the swing with its noise."""
     names = {channel.name for channel in trigger_channels(bench.channels, bench.campaign.method)}
     trigger_traces = [trace for trace in signals if trace.name in names]
     if trigger_traces:

@@ -55,8 +55,8 @@ class Trace:
     value: NDArray[np.float64]
     """Deviation from the level before the bump, SI, shape (n,)."""
     noise: float
-    """Standard deviation of white noise, from the differences of neighbouring samples before the
-    bump, which slow motion does not affect."""
+    """Standard deviation of white noise, SI, from the differences of neighbouring samples before
+    the bump, which slow motion does not affect; 0 with fewer than three samples."""
     rest_rms: float
     """RMS before the bump, SI."""
 
@@ -78,12 +78,12 @@ class Trace:
 
     @property
     def peak(self) -> float:
-        """Largest deviation after the bump."""
+        """Largest deviation since the beginning of the bump, up or down; 0 without a sample."""
         return float(np.max(np.abs(self.part(0.0, np.inf)), initial=0.0))
 
 
 def traces(channels: Iterable[Channel], window: RunWindow) -> tuple[Trace, ...]:
-    """Return the channels that can be judged in a run, without unused ones."""
+    """Return the channels that can be judged in a run: eight samples, some on each side of 0 s."""
     judged = []
     for channel in channels:
         if channel.quantity is Quantity.UNUSED or channel.name not in window.channels:
@@ -94,7 +94,7 @@ def traces(channels: Iterable[Channel], window: RunWindow) -> tuple[Trace, ...]:
         order = np.argsort(time_s, kind="stable")
         time_s, value = time_s[order], value[good][order]
         rest = value[time_s < -BEFORE_S]
-        if len(value) < 8 or not len(rest):  # too few to judge a course
+        if len(value) < 8 or not len(rest) or time_s[-1] <= 0.0:  # too few to judge a course
             continue
         level = float(np.median(rest))
         # The variance of a difference of neighbours is twice that of a sample.

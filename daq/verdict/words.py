@@ -69,7 +69,7 @@ WORDS: Mapping[str, Words] = {
     "wrong_mode": Words(
         "wrong bump",
         "The wheels or the body moved as in another kind of bump.",
-        "check which wheels are before the boards, then bump again",
+        "compare boards, blocks or hands with the sketch, then bump again",
     ),
     "not_decayed": Words(
         "not decayed",

@@ -46,12 +46,14 @@ def hubs(sizes: tuple[float, ...]) -> dict[Channel, Array]:
     return corners(Quantity.HUB_ACCELERATION, "m/s2", shapes)
 
 
-def travels(sizes: tuple[float, ...]) -> dict[Channel, Array]:
+def travels(
+    sizes: tuple[float, ...], quantity: Quantity = Quantity.SUSPENSION_TRAVEL
+) -> dict[Channel, Array]:
     """Return travels that rise to a size while the wheels are on the board, and fall below."""
     rise = np.where((T_S > 0.0) & (T_S < 0.19), np.sin(np.pi * T_S / 0.19), 0.0)
     after = np.where((T_S > 0.2) & (T_S < 0.6), np.sin(2 * np.pi * T_S / 0.4), 0.0)
     shapes = {c: 0.03 * size * rise + 0.06 * after for c, size in zip(Corner, sizes, strict=True)}
-    return corners(Quantity.SUSPENSION_TRAVEL, "m", shapes)
+    return corners(quantity, "m", shapes)
 
 
 # Likeness to bounce, pitch, roll and warp: of each, the best of its patterns.
@@ -74,7 +76,10 @@ STRUCK = [
 def test_wheels_that_go_together(
     struck: tuple[int, ...], words: str, likeness: tuple[float, ...]
 ) -> None:
-    for records, by in ((hubs(struck), "hubs"), (travels(struck), "travels")):
+    heights = travels(struck, Quantity.HUB_DISPLACEMENT)
+    for records, by in (
+        (hubs(struck), "hubs"), (travels(struck), "travels"), (heights, "hub displacements"),
+    ):  # fmt: skip
         (pattern,) = found_by(records)
         assert (pattern.words, pattern.by, pattern.limit) == (words, by, 0.8)
         assert [pattern.likeness[kind] for kind in (BOUNCE, PITCH, ROLL, WARP)] == pytest.approx(

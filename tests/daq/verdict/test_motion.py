@@ -337,6 +337,7 @@ def test_a_course_at_right_angles_is_not_alike() -> None:
     unknown = RunMeasure(peaks={"travel": 1.0})
     for own, before in ((unknown, measure(1.0)), (measure(1.0, np.array([4.0, -3.0])), unknown)):
         assert len(list(not_repeatable(seen(records), own, [before]))) == 1
+    assert list(not_repeatable(seen(records), unknown, [RunMeasure(), unknown])) == []
 
 
 @pytest.mark.parametrize(
