@@ -295,8 +295,9 @@ class Traffic:
         `delivers`: True for each bus with good frames now; messages of another one are not named,
         because the alarm is on the bus.  `now_s`: monotonic time, s.
         """
+        delivering = [number for number, has_frames in enumerate(delivers) if has_frames]
         waited_s = now_s - self._began_s if self._began_s is not None else 0.0
-        # Frames that are all unknown raise an alarm after 0.8 s.
+        # Before the first of the DBC's messages counts as missing, after 1 s.
         if self._unknown_s and not self._known and waited_s >= 0.8:
             # An alarm names six identifiers at most.
             identifiers = ", ".join(list(self._unknown_s)[:6])
@@ -308,13 +309,14 @@ class Traffic:
             # A message that no channel needs has ended, not failed, after 60 s of silence.
             is_watched = name in self._expected or (cycle_s and silent_s <= 60.0)
             is_late = silent_s > _timeout_s(last.layout)
-            if is_watched and is_late and last.bus < len(delivers) and delivers[last.bus]:
+            if is_watched and is_late and last.bus in delivering:
                 due = f"; one is due every {1e3 * cycle_s:.3g} ms" if cycle_s else ""
                 yield fault("stale", name, f"no frame for {silent_s:.1f} s{due}")
-        for name in self._expected if any(delivers) else ():
+        for name in self._expected:
+            layout = self._codec.message(name)
+            is_due = layout.bus in delivering if layout.bus is not None else bool(delivering)
             # The first frame of a message may take at least a second.
-            timeout_s = max(_timeout_s(self._codec.message(name)), 1.0)
-            if name not in self._known and waited_s > timeout_s:
+            if name not in self._known and is_due and waited_s > max(_timeout_s(layout), 1.0):
                 text = f"no frame since the recorder started to listen ({waited_s:.0f} s)"
                 yield fault("stale", name, text)
 

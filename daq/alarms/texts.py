@@ -117,7 +117,8 @@ EXPLAINED = MappingProxyType(
 )
 """Texts for every code of `Alarm.code`, the worst first."""
 
-GRAVITY = MappingProxyType({code: position for position, code in enumerate(EXPLAINED)})
+RANK = MappingProxyType({code: position for position, code in enumerate(EXPLAINED)})
+"""Rank of each code in order of severity, 0 for the worst."""
 
 
 def fault(code: str, subject: str, text: str, advice: str = "") -> Finding:

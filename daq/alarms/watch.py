@@ -1,7 +1,4 @@
-"""Watches the recording over the cycles of a recorder, ten per second, and keeps its alarms.
-
-An alarm ends when its symptom has been absent for `HOLD_S`.
-"""
+"""Watches the recording over the cycles of a recorder, ten per second, and keeps its alarms."""
 
 from __future__ import annotations
 
@@ -23,7 +20,7 @@ from ..runs import Event
 from ..samples.converter import HealthState
 from ..samples.mapping import MappedChannel
 from .symptoms import DEAD, WINDOW_S, BusWatch, ChannelRange, Traffic
-from .texts import EXPLAINED, GRAVITY, Counts, Key, fault
+from .texts import EXPLAINED, RANK, Counts, Key, fault
 
 ALARM, ALARM_END = "alarm", "alarm_end"
 """Codes of the events, which have the text "CODE SUBJECT: TEXT"."""
@@ -84,7 +81,7 @@ class Watch:
     @property
     def alarms(self) -> tuple[Alarm, ...]:
         """The current alarms, in order of severity."""
-        return tuple(sorted(self._alarms.values(), key=lambda a: (GRAVITY[a.code], a.subject)))
+        return tuple(sorted(self._alarms.values(), key=lambda a: (RANK[a.code], a.subject)))
 
     @property
     def grouped_alarms(self) -> tuple[Alarm, ...]:
@@ -97,7 +94,7 @@ class Watch:
 
     @property
     def dead_bus(self) -> Alarm | None:
-        """The alarm on a bus with channels of the bench that delivers no good frame."""
+        """The alarm on a bus that delivered channels of the bench and no longer does; else None."""
         dead = (a for a in self.alarms if a.code in DEAD and a.subject in self._quiet_buses)
         return next(dead, None)
 

@@ -22,8 +22,8 @@ from .window import Trace
 from .words import finding
 
 PURITY = 0.8
-"""Least likeness to the pattern that is due: wheels at rest show a tenth of the motion of struck
-ones through body and anti-roll bars, and the struck ones differ by a third at most."""
+"""Least likeness to the kind that is due: other wheels show a tenth of the motion of struck ones,
+through body and anti-roll bars, and the struck ones differ by a third at most."""
 BODY_PURITY = 0.65
 """Least likeness from the body alone, whose motions mix: pitch and roll come with heave.  Simulated
 cars show 0.86 and more for the right bump, 0.53 and less for a wrong one."""
@@ -54,6 +54,7 @@ class Pattern(NamedTuple):
     """Likeness to each kind of bump, 0..1; equal for kinds that these sensors cannot separate, or
     the campaign does not distinguish."""
     words: str
+    """The likeliest kind, and the motion that shows it."""
     by: str
     """The sensors, in words."""
     limit: float

@@ -16,7 +16,7 @@ from dbc.words import Finding, counted, plural
 
 from ..bench.campaign import Method
 from ..bench.config import Bench
-from ..channels import Channel, Quantity, message_of
+from ..channels import SI_UNITS, Channel, Quantity, message_of
 from ..runs import WHEEL_MOTION_S, longest_gap_s, longest_silence
 from ..samples.clock import FASTEST, latest_sent
 from ..samples.converter import FROZEN_S, flat_tops, longest_hold
@@ -47,17 +47,8 @@ STRIKE_RATIO = 0.25
 _GRID_S = 0.005
 """Step of the times at which the envelope of a strike is taken, s."""
 
-_SLOW = (
-    Quantity.SUSPENSION_TRAVEL,
-    Quantity.BODY_DISPLACEMENT,
-    Quantity.HUB_DISPLACEMENT,
-    Quantity.PITCH_RATE,
-    Quantity.ROLL_RATE,
-    Quantity.BODY_ACCELERATION,
-    Quantity.PITCH_ACCELERATION,
-    Quantity.ROLL_ACCELERATION,
-)
-"""Quantities that show the swing of the body."""
+_SLOW = tuple(q for q in SI_UNITS if q is not Quantity.HUB_ACCELERATION)
+"""Quantities that show the swing of the body: all but the acceleration of hubs."""
 
 
 # The data -----------------------------------------------------------------------------------------
@@ -188,8 +179,8 @@ def frozen(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Itera
     The rate at which a healthy channel changes its value is that of the channel itself at rest.
     Each bump moves the suspensions and the body up and down, so for a channel that is constant it
     is the largest rate of others of its quantity.  Where all of them are constant although others
-    move, each sample should change.  A rate of roll or pitch may be silent by symmetry: it is not
-    known then.
+    move, each sample should change.  Roll and pitch may be silent by symmetry: a constant channel
+    of them is not judged if no other one moves.
     """
     holds = [longest_hold(t.time_s, t.value, -BEFORE_S, bench.campaign.bump_s) for t in signals]
     all_constant = all(hold.constant for hold in holds)

@@ -23,6 +23,7 @@ class RunWindow:
     """A run as received, from `pre_s` before to `post_s` after the bump."""
 
     bump_ns: int
+    """Time stamp of the bump, ns: when the trigger fired."""
     channels: SampleBlock
     """Samples of each channel: t_ns (n,) and value (n,) float64, SI, NaN where a sample cannot be
     used; channels may be empty or absent."""

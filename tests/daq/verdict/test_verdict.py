@@ -21,15 +21,7 @@ from daq.runs import ADDED, BASELINE, Excitation, Losses
 from daq.samples.mapping import trigger_channels
 from daq.samples.trigger import TriggerState, advance
 from daq.sim.car import NOISE, SensorTruth, measured, true_reading
-from daq.sim.motion import (
-    PUSHED_S,
-    Bump,
-    Kinematics,
-    Moving,
-    Spliced,
-    dropped,
-    pushed_down,
-)
+from daq.sim.motion import PUSHED_S, Bump, Kinematics, Moving, Spliced, dropped, pushed_down
 from daq.vehicle import FORD_GRANADA, AddedMass
 from daq.verdict.checks import remaining_ratio
 from daq.verdict.judge import judge
@@ -412,11 +404,8 @@ def test_a_rear_axle_that_follows_the_front_one_is_no_second_bump() -> None:
         for name, rear in (("hub_acc_fl", "hub_acc_rl"), ("hub_acc_fr", "hub_acc_rr"))
     }
     rest = {
-        name: (
-            np.concatenate([t - late_ns, t])[: len(t)],
-            np.concatenate([v[:1000], v])[: len(v)],
-        )
-        for name, (t, v) in ((n, late[n]) for n in late)
+        name: (np.concatenate([t - late_ns, t])[: len(t)], np.concatenate([v[:1000], v])[: len(v)])
+        for name, (t, v) in late.items()
     }
     setting = Setting("linear", "hubs", BOUNCE)
     findings, _ = judged(setting, RunWindow(front.bump_ns, {**early, **rest}))
