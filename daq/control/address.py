@@ -82,12 +82,14 @@ def _make_private(directory: Path) -> None:
 
 
 def _ownership_fault(directory: Path, owners: set[int]) -> str:
-    """Return why a directory may belong to another user; empty if it does not."""
+    """Return why a directory is not certainly private to its owner; empty if it is."""
     try:
         status = directory.lstat()
     except OSError as error:
         return error.strerror or str(error)
-    if not stat.S_ISDIR(status.st_mode) or status.st_uid not in owners:
+    if not stat.S_ISDIR(status.st_mode):
+        return "is a link, not a directory"
+    if status.st_uid not in owners:
         return "belongs to another user"
     return "can be written by others" if status.st_mode & 0o022 else ""
 
@@ -148,7 +150,8 @@ def is_locked(folder: Path) -> bool:
 def unreachable_words(folder: Path) -> str:
     """Return a text that the recorder of a folder cannot be reached; empty if none runs."""
     try:
-        (folder / _LOCK).exists()
+        with suppress(FileNotFoundError, NotADirectoryError):
+            (folder / _LOCK).stat()  # `exists` is silent about a folder without access
     except OSError as error:
         return f"its recorder cannot be reached: {error.strerror}"
     return "a recorder writes there, but does not answer here" if is_locked(folder) else ""

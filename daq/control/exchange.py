@@ -108,7 +108,7 @@ class Server:
         return bool(self._peers)
 
     def publish(self, status: Status, live: Live | None) -> None:
-        """Publish to all clients; called by the recorder: never blocks, never raises."""
+        """Publish a status, and samples if there are new ones: never blocks, never raises."""
         self._news.append((status, live))
         with suppress(RuntimeError):  # closed
             self._loop.call_soon_threadsafe(self._send_news)
@@ -230,9 +230,9 @@ def _order(protocol: bytes, name: bytes, body: bytes) -> Order:
         spoken = protocol.decode("ascii", "replace")[:20] or "none"
         text = f"protocol {spoken} is not supported, only {PROTOCOL}"
         raise ValueError(f"{text}: use one version of Bumpbench")
-    order_type = _ORDERS.get(name.decode("utf-8", "replace"))
+    order_type = _ORDERS.get(order_name := name.decode("utf-8", "replace"))
     if order_type is None:
-        raise ValueError(f"there is no order {name[:60]!r}")
+        raise ValueError(f"there is no order {order_name[:60]!r}")
     try:
         order: Order = _adapter(order_type).validate_json(body)
     except ValidationError as error:

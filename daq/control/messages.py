@@ -1,7 +1,6 @@
 """Defines the messages between a recorder and its clients: typed, JSON on the wire.
 
-A client sends an `Order` and gets a `Reply`.  The recorder publishes its
-`Status` and the `Live` samples to all clients, ten times per second.
+A client sends an `Order` and gets a `Reply`; all get `Status` and `Live` ten times per second.
 """
 
 from __future__ import annotations
@@ -177,6 +176,7 @@ class SessionStatus:
     text: str = ""
     """Reason of a failure, or the losses of the journal."""
     recording: str = ""
+    """Identity of the recording of which it is (`Status.recording`)."""
     revision: int = 0
     """Revision of the run log from which it was built."""
 
@@ -209,9 +209,9 @@ class Status:
     bump_ns: int
     """Time stamp of the last bump, ns; 0 if there was none."""
     peak_left: float | None
-    """Ratio of the present motion to its peak, in the phase DECAY."""
+    """Ratio of the present motion to its peak, in the phase DECAY; else None."""
     halted: str
-    """Code for which the run loop stopped by itself: that of three rejects in a row."""
+    """Code for which the run loop stopped by itself, that of three rejects in a row; else empty."""
     due: Due | None
     """The step that is due; None when the campaign is complete."""
     tallies: tuple[Tally, ...]

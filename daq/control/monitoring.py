@@ -31,11 +31,9 @@ def standstill(heartbeats: Heartbeats, now_s: float) -> str:
 
     A reader that had no cycle yet, and a disk that stored no block yet (time 0), have not stalled.
     """
-    readers = [
-        (f"the reader of {name}", cycle_s) for name, cycle_s in heartbeats.readers if cycle_s
-    ]
+    readers = [(f"the reader of {name}", cycle_s) for name, cycle_s in heartbeats.readers]
     for thread, cycle_s in (*readers, ("the writer", heartbeats.writer_s)):
-        if now_s - cycle_s > STILL_S:
+        if cycle_s and now_s - cycle_s > STILL_S:
             return f"{thread} has had no cycle for {now_s - cycle_s:.1f} s"
     # Time, s, for which a disk may refuse data: what waits in memory is lost by a restart.
     if heartbeats.durable_s and now_s - heartbeats.durable_s > 60.0:
@@ -87,7 +85,7 @@ class Systemd:
 
 
 def status_line(status: Status) -> str:
-    """Return buses, frame rate, lag of the disk and free room in one line."""
+    """Return buses, frame rate, lag of the disk, free room and losses, if any, in one line."""
     healthy = sum(bus.state in (BusState.OK, BusState.ERROR_PASSIVE) for bus in status.buses)
     rate = sum(bus.frames_per_s for bus in status.buses)
     free_bytes = status.disk.free_bytes
@@ -97,7 +95,6 @@ def status_line(status: Status) -> str:
         f"{rate:,.0f} frames/s",
         f"lag {status.disk.lag_s * 1e3:.0f} ms",
         f"{room} free",
+        status.losses.words,
     ]
-    if status.losses.words:
-        facts.append(status.losses.words)
-    return ", ".join(facts)
+    return ", ".join(filter(None, facts))
