@@ -327,8 +327,8 @@ class Vehicle:
 def expected_car(vehicle: Vehicle) -> VehicleParameters:
     """Return a typical car: that of the paper, scaled to the weighed and measured facts.
 
-    Masses, springs and dampers are proportional to the load that they carry, so that the
-    frequencies are those of a usual car; inertias also to the square of the lengths.
+    Masses are proportional to that of the car, springs and dampers to the load of the body on them,
+    so that the frequencies are those of a usual car; inertias also to the square of the lengths.
     """
     facts = {fact.quantity: fact.value for fact in vehicle.facts}
     usual = FORD_GRANADA

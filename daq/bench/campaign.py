@@ -125,8 +125,7 @@ def sketch(campaign: Campaign, excitation: Excitation) -> tuple[str, ...]:
         Method.PUSH: ("   ", "[ ]", "(V) push down here"),
     }[method]
     lines = ["            front"]
-    for is_lifted in (bump.height_ratios[:2], bump.height_ratios[2:]):
-        # Left and right wheel of an axle.
+    for is_lifted in (bump.height_ratios[:2], bump.height_ratios[2:]):  # left, right of an axle
         boards = [board if each else "   " for each in is_lifted]
         wheels = [wheel if each else "[ ]" for each in is_lifted]
         lines += [f"     {boards[0]}         {boards[1]}".rstrip()]

@@ -122,9 +122,7 @@ class VehicleTable(Table):
 
     name: str = "vehicle"
     geometry: VehicleGeometry | None = None
-    structure: Annotated[dict[str, bool], AfterValidator(_of_known_elements)] = Field(
-        default_factory=dict
-    )
+    structure: Annotated[dict[str, bool], AfterValidator(_of_known_elements)] = Field({})
     """`symmetric`, and the elements that are forced or forbidden; data choose the others."""
 
     def vehicle(self, facts: tuple[Fact, ...]) -> Vehicle:
@@ -172,6 +170,8 @@ def checked_channel(channel: Channel) -> Channel:
     """Return the channel; raises ValueError if it has what a person cannot mean."""
     if not re.fullmatch("[A-Za-z][A-Za-z0-9_]{0,59}", channel.name):
         raise ValueError("its name is not a letter, and at most 59 letters, digits and _ after it")
+    if not channel.signal:
+        raise ValueError("it states no signal")
     if channel.sign not in (1, -1):
         raise ValueError("its sign is not 1 or -1")
     try:
@@ -320,11 +320,7 @@ def parse_bench(text: str, where: str, folder: Path, dbc_text: str | None = None
 
 
 def check_car(car: DescribedCar) -> None:
-    """Raise InputError if several tables of a car, each right in itself, do not fit together.
-
-    Two channels may have the same name, the campaign may name a kind of bump twice, and a fact may
-    have a quantity that the vehicle does not have, or a value that is impossible for it.
-    """
+    """Raise InputError if a channel or bump occurs twice, or a fact does not fit the vehicle."""
     require_unique("channel", [channel.name for channel in car.channels], car.where)
     structure = car.vehicle.structure
     quantities = (*FactQuantity, *parameter_names(structure))
@@ -386,14 +382,17 @@ def bench_codec(bench: Bench) -> Codec:
 def on_bus(bench: Bench, interface: str | None, channel: str | None) -> Bench:
     """Return the bench with the named bus as its only bus; unchanged if no bus is named.
 
-    Raises InputError if its sensors are on several buses.
+    What is not named is that of the stated bus of this channel, else of the sensors' bus, else of
+    the first.  Raises InputError if its sensors are on several buses.
     """
     if not (interface or channel):
         return bench
-    if len({sensor.bus_position for sensor in bench.sensors}) > 1:
+    positions = {sensor.bus_position for sensor in bench.sensors}
+    if len(positions) > 1:
         fault = f"name the bus of a bench with one bus; here sensors are on {len(bench.buses)}"
         raise InputError("--interface, --channel", fault, f"change the [[bus]] of {bench.where}")
-    old = bench.buses[0]
+    usual = bench.buses[min(positions, default=0)]
+    old = next((bus for bus in bench.buses if bus.channel == channel), usual)
     bus = replace(old, interface=interface or old.interface, channel=channel or old.channel)
     return replace(bench, buses=(bus,))
 

@@ -61,7 +61,7 @@ def with_weights(text: str, weights: Sequence[Weight]) -> str:
 def with_channel(text: str, name: str, sign: float | None = None, tare: float | None = None) -> str:
     """Return the text with another sign or tare (SI) of a channel; None keeps the old one.
 
-    If the text has no channels of its own, the channels in force are written out in full.  Raises
+    If the text does not state that channel, all channels in force are written out in full.  Raises
     InputError if there is no such channel.
     """
 

@@ -245,7 +245,7 @@ def sensors_codec(
 
 
 def _sent_messages(sensor: Sensor, codec: Codec, bus: int | None) -> list[MessageLayout]:
-    """Return the messages of a database as one sensor sends them, with its identifiers."""
+    """Return the messages of a database as one sensor sends them on a bus (None: on any bus)."""
     where = f"sensor {sensor.name}"
     sent, used_keys = [], set()
     for message in codec.messages:

@@ -15,8 +15,6 @@ from dbc.words import InputError
 
 MAX_CONFIG_BYTES = 1_000_000
 """Largest size of a bench.toml or channel map, bytes."""
-
-
 STRICT = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 """Refuses keys that are not known, and numbers that are not finite."""
 

@@ -141,7 +141,7 @@ class SimulatedBench(FrameSource):
         self._rng = np.random.default_rng([seed, 2])
         self._mass_state = BASELINE
         self._manoeuvre = _standing(self._rig, BASELINE)
-        # Times since the start, s, in the car's time.
+        # Times since the start, s, in the car's time; infinite: never.
         self._begun_s = 0.0  # when the present manoeuvre began
         self._sampled_s = 0.0  # up to which the car is sampled
         self._bump_due_s = np.inf  # of the next bump
@@ -172,7 +172,7 @@ class SimulatedBench(FrameSource):
         return self
 
     def read(self, timeout_s: float) -> FrameBatch:
-        """Return the frames of the car's elapsed time, at most `PIECE_S`.
+        """Return the frames since the last call, of one piece of the car's time at most.
 
         Raises BusError while the adapter is unplugged.
         """

@@ -87,6 +87,7 @@ class Truth:
     """All drawn values of one campaign, which are hidden from the identification."""
 
     mass_states: Mapping[str, AddedMass]
+    """True weights, by mass state."""
     sensors: Mapping[str, SensorTruth]
     """True position, delay and errors, by channel."""
     clocks: Mapping[str, ClockTruth]

@@ -31,7 +31,7 @@ class Sender:
     channels: tuple[Channel, ...]
 
     def ticks(self, start_s: float, end_s: float) -> tuple[int, NDArray[np.float64]]:
-        """Return the number of the first tick in start_s..end_s, and the times of all its ticks."""
+        """Return number of the first tick in start_s <= t < end_s, and times of all there, (n,)."""
         period_s = self.cycle_s * (1.0 + self.clock.error)
         phase_s = self.clock.phase * self.cycle_s
         begin, end = np.ceil((np.array([start_s, end_s]) - phase_s) / period_s).astype(int)
@@ -46,6 +46,7 @@ class Manoeuvre:
     length_s: float
     """Time after which the car is at rest, s."""
     bump_s: float
+    """Time at which the bump begins, s; infinite if it is not asked for."""
     low_passed: Mapping[str, tuple[Array, Array]]
     """Outputs of the sensors with a low-pass, on the motion's time (`car.low_passed`)."""
 
@@ -134,8 +135,7 @@ class Rig:
                     motion_by_delay[sensor.delay_s] = manoeuvre.motion.at(motion_s)
                 motion = motion_by_delay[sensor.delay_s]
                 reading = true_reading(channel, sensor, self.plants[BASELINE], motion)
-            signal = sender.message.signal(signal_of(channel.signal))
-            noise = self.car.noise
+            signal, noise = sender.message.signal(signal_of(channel.signal)), self.car.noise
             values[signal.name] = signal_values(channel, signal, sensor, noise, reading, rng)
         # At most half a cycle, because frames of one message must not overtake each other.
         jitter_s = np.minimum(rng.exponential(self.car.jitter_s, len(tick_s)), sender.cycle_s / 2)
@@ -153,7 +153,7 @@ class Rig:
 def campaign_frames(
     bench: Bench, codec: Codec, car: SimulatedCar, seed: int, start_ns: int
 ) -> Iterator[FrameBatch]:
-    """Yield the frames of a campaign, a block a run: rest (`car.lead_s`), bump and free decay.
+    """Yield the frames of a campaign, a block a run: rest (`car.lead_s`), a board, free decay.
 
     `seed`: determines every draw (`SimulatedCar.draw`) and all noise.  `start_ns`: time stamp of
     the start, ns.  Time and counters continue from run to run.  Messages without channels are not
@@ -167,9 +167,8 @@ def campaign_frames(
         start_s = number * car.run_s
         height_m, bump_s = bench.campaign.bump_height_m, bench.campaign.bump_s
         bump = Bump(step.excitation, height_m, car.lead_s, bump_s)
-        manoeuvre = rig.manoeuvre(
-            rig.plants[step.mass_state].drive(bump, car.run_s), car.run_s, car.run_s
-        )
+        motion = rig.plants[step.mass_state].drive(bump, car.run_s)
+        manoeuvre = rig.manoeuvre(motion, car.run_s, car.run_s)
         span_s = (start_s, start_s + car.run_s)
         yield rig.frames(manoeuvre, start_s, span_s, rng, start_ns, free_ns)
 

@@ -96,7 +96,7 @@ class Plant:
         return np.asarray(pose, dtype=np.float64)
 
     def drive(self, bump: Bump, end_s: float) -> Moving:
-        """Return the motion of the car over a bump and its free decay, up to `end_s`."""
+        """Return the motion over a bump and its free decay; being exact, it needs no `end_s`."""
         return Motion.over(bump, self, self.rest, np.zeros((7, 1)))
 
 
@@ -314,7 +314,7 @@ class Spliced:
     first: Moving
     second: Moving
     second_s: float
-    """Time from which the second is shown, s."""
+    """Time after which the second is shown, s."""
 
     def at(self, t_s: Array) -> Kinematics:
         """Return the motion at the times `t_s`, (n,) ascending, s."""
@@ -332,6 +332,7 @@ class Push:
     sink: Array
     """(7, 1) The change of the pose at the lowest point."""
     length_s: float
+    """Duration of all cycles, s."""
     begin_s: float = 0.0
     cycles: float = 1.0
     """Number of cycles of the cosine: 1 presses and lets go; a half presses and holds."""

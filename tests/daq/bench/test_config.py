@@ -345,6 +345,7 @@ def test_a_number_or_a_text_has_its_limits(
         (A_CHANNEL.format("suspension_travel"), "suspension_travel needs a corner"),
         (A_CHANNEL.format("hub_displacement"), "hub_displacement needs a corner"),
         (A_CHANNEL.format("pitch_rate") + 'corner = "FL"\n', "pitch_rate has no corner"),
+        (UNUSED.replace('signal = "IMU_Accel.acc_z"\n', ""), "channel.a: it states no signal"),
         (UNUSED + "motion_ratio = 0.9\n", "motion_ratio is for suspension_travel"),
         (UNUSED + "motion_ratio_sigma = 0.1\n", "motion_ratio is for suspension_travel"),
         ('[[bus]]\nchannel = "a"\n[[bus]]\nchannel = "a"\n', "bus virtual a occurs twice"),

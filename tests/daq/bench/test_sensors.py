@@ -15,14 +15,7 @@ import numpy as np
 import pytest
 
 from daq.bench.campaign import Campaign, Method, sketch
-from daq.bench.config import (
-    Bench,
-    bench_codec,
-    load_bench,
-    on_bus,
-    parse_bench,
-    with_database,
-)
+from daq.bench.config import Bench, bench_codec, load_bench, on_bus, parse_bench, with_database
 from daq.bench.edit import with_channel
 from daq.bench.sensors import stored_databases, stored_text
 from daq.check.check import check_bench
@@ -465,9 +458,15 @@ def test_a_signal_that_two_messages_of_a_sensor_have_is_asked_for_in_full() -> N
         parse_bench(text, "bench.toml", Path(), stored_text({**DATABASES, "imu.dbc": twice}))
 
 
-def test_a_bench_on_several_buses_is_not_put_on_one() -> None:
+def test_a_bench_on_several_buses_is_put_on_that_of_the_channel_or_of_its_sensors() -> None:
     with pytest.raises(InputError, match=r"here sensors are on 2 \(change the \[\[bus\]\] of "):
         on_bus(sensor_bench(), "socketcan", "can5")
+    two = '[[bus]]\nchannel = "a"\n[[bus]]\nchannel = "b"\nbitrate = 250000\n'
+    on_b = parse_bench(two + '[[sensor]]\nname = "s"\ndbc = "s.dbc"\nbus = "b"\n', "b", Path(), "")
+    for bench, name, bitrate in (
+        (parse_bench(two, "b", Path(), ""), "b", 250_000), (on_b, "c", 250_000), (on_b, "a", 1e6),
+    ):  # fmt: skip
+        assert [bus.bitrate for bus in on_bus(bench, None, name).buses] == [bitrate]
 
 
 def test_a_channel_of_a_ready_map_is_edited() -> None:
