@@ -122,7 +122,7 @@ class VehicleTable(Table):
 
     name: str = "vehicle"
     geometry: VehicleGeometry | None = None
-    structure: Annotated[dict[str, bool], AfterValidator(_of_known_elements)] = Field({})
+    structure: Annotated[dict[str, bool], AfterValidator(_of_known_elements)] = Field(default={})
     """`symmetric`, and the elements that are forced or forbidden; data choose the others."""
 
     def vehicle(self, facts: tuple[Fact, ...]) -> Vehicle:
