@@ -272,7 +272,9 @@ class _Search:
                 released = replace(released, free=positions(released.model, start_groups, True))
                 eta = at_likely_scale(released, eta)
                 end = self._stage(stage, released, eta, best.point.initials, steps, rough)
-                if end is not None and end.cost < best.cost:  # else this start has gone astray
+                # Else this start has gone astray.  Without any gain the cost is equal to rounding:
+                # the groups stay in, because a parameter that is left out is not determined.
+                if end is not None and end.cost <= (1.0 + 1e-9) * best.cost:
                     best, groups = end, start_groups
                     break
         return self.with_joining_groups(best, groups)
@@ -383,10 +385,7 @@ def _joined(model: Model, eta: Real, name: str) -> Real:
 def _first_motion(
     best: Optimum, run: Run, initial: InitialState, is_over: Callable[[], bool]
 ) -> Optimum | None:
-    """Return the optimum of a run's own unknowns with the vehicle of `best`, which stays as it is.
-
-    None without a finite path.
-    """
+    """Return the optimum of a run's first motion, the vehicle that of `best`; None without path."""
     problem = replace(best.point.problem, free=np.zeros(0, dtype=np.intp), runs=(run,))
     initials = (initial,)
     return fit(problem, best.eta, initials, ROUGH, max_iterations=_STAGE_STEPS, is_over=is_over)

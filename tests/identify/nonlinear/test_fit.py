@@ -91,10 +91,7 @@ def test_an_unknown_at_its_bound_does_not_hold_up_the_others() -> None:
     assert np.delete(found.free, 1) == pytest.approx(with_it[N_OWN:])
 
 
-@pytest.mark.parametrize(
-    ("room", "held"),
-    [(0.9, True), (1.1, False)],
-)
+@pytest.mark.parametrize(("room", "held"), [(0.9, True), (1.1, False)])
 def test_a_damper_curve_is_held_up_where_the_step_would_make_it_too_flat(
     room: float, held: bool
 ) -> None:
@@ -139,9 +136,7 @@ KNOTS = (-0.15, 0.0, 0.15)
 
 
 @pytest.mark.parametrize("h", [(-1.4, 0.3, -1.0), (0.0, -0.6, -1.3), (-1.9, 0.0, -2.2)])
-def test_a_segment_counts_by_what_it_lacks_of_two_per_cent(
-    h: tuple[float, float, float],
-) -> None:
+def test_a_segment_counts_by_what_it_lacks_of_two_per_cent(h: tuple[float, float, float]) -> None:
     shares = _slopes_beside_the_coefficient(h)
     # The same curve about the Granada's 1,500 N s/m.
     secant = 2000.0 + 1000.0 * 0.5 * h[1]

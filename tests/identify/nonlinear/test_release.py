@@ -70,10 +70,14 @@ def test_each_stage_is_as_fine_as_the_next_one_needs(played: Callable[..., Any])
     ]  # fmt: skip
 
 
-def test_a_stage_that_ends_higher_is_left_out(played: Callable[..., Any]) -> None:
-    script = Script([3.0, 3.1, None, 1.0])
-    played(script, [attempt("a")])
-    assert [one.initials[0] for one in script.asked] == ["own 0", "own 0'", "own 0'", "own 0'"]
+@pytest.mark.parametrize(("end", "kept"), [(3.1, ()), (3.0, ("tyre_damping",))])
+def test_a_stage_that_ends_higher_is_left_out_and_one_that_gains_nothing_is_not(
+    end: float, kept: tuple[str, ...], played: Callable[..., Any]
+) -> None:
+    script = Script([3.0, end, None, 1.0])
+    (_, chosen), _ = played(script, [attempt("a")], of("tyre_damping"))
+    own = "own 0''" if kept else "own 0'"
+    assert [chosen, *(one.initials[0] for one in script.asked[2:])] == [kept, own, own]
 
 
 def test_friction_begins_at_15_newtons_in_the_first_stage(played: Callable[..., Any]) -> None:
