@@ -135,16 +135,16 @@ def first_cause(
 def likely_causes(estimation: Estimation) -> Causes:
     """Return what may cause a misfit, or an effect that matters although there is none.
 
-    An outlying run comes first, because it imitates other causes; a dependence on amplitude last.
-    In between, the surest hypothesis is named; in a fit with a misfit it must explain most of it,
-    or a sensor that is fitted again takes its place.
+    An outlying run comes first, because it imitates other causes; a dependence on amplitude last,
+    in a fit that holds second.  Else the surest hypothesis is named; in a fit with a misfit it must
+    explain most of it, or a sensor that is fitted again takes its place.
     """
     holds, hypotheses = estimation.holds, rank_causes(estimation)
     if odd := odd_runs(estimation, hypotheses[0].strength):
         finding, cause = odd
         return Causes((finding,), (cause,))
     worst = next(iter(contradictions(estimation)), None) if holds else None
-    # A wrong place of a weight is explained in part by a gain or a bar: these must explain more.
+    # A wrong place is explained in part by a gain or a bar: these must explain more.
     if worst and worst.name.startswith(("x of ", "y of ")):
         hypotheses = tuple(c for c in hypotheses if c.gain > worst.sigmas**2)
     significant = [
@@ -167,7 +167,7 @@ def likely_causes(estimation: Estimation) -> Causes:
         advice = f"weigh them again, or {facts}: one of the two scales shows too much"
         worse = max(named, tried[-1], key=lambda cause: cause.shift)
         named = replace(named, advice=advice, moved=worse.moved)
-    if holds and (swapped := swapped_labels(estimation)):  # else: `swapped_or_late`
+    if holds and (swapped := swapped_labels(estimation)):  # if not, `swapped_or_late` did
         named = swapped
         tried.append(swapped)
     elif not holds and named.explained < _NEARLY_ALL:
@@ -203,9 +203,9 @@ def judge(
     weights_explain = "added_weights_off_by_a_common_factor" in {f.code for f in causes.findings}
     misfit = [f for f in misfit_findings(estimation) if all_determined or f.code != "convergence"]
     # What causes a misfit is as grave as the misfit, and comes first.
-    gravity = max((f.severity for f in misfit if f.code == "chi2"), default=Severity.NOTE)
+    of_misfit = max((f.severity for f in misfit if f.code == "chi2"), default=Severity.NOTE)
     named = [
-        f if holds or f.code == "amplitude" else replace(f, severity=max(f.severity, gravity))
+        f if holds or f.code == "amplitude" else replace(f, severity=max(f.severity, of_misfit))
         for f in causes.findings
     ]
     if linear and not (holds or named):
@@ -283,7 +283,7 @@ def wrong_channel(estimation: Estimation) -> Cause | None:
     all others, and the prediction shows by how much that one is off.  Of fewer than three channels
     none can be called wrong.
     """
-    names = [c.name for group in estimation.box.groups for c in group.channels]
+    names = dict.fromkeys(c.name for group in estimation.box.groups for c in group.channels)
     if len(names) < 3:
         return None
     rough_fit, trial = ranked(estimation, map(_without, names))[0]
@@ -357,7 +357,7 @@ def wrong_sensors(estimation: Estimation) -> list[Cause]:
         causes.append(_late(estimation, stated_fit, latest, suspects))
     all_names = [c.name for c in channels]
     causes.append(_low_pass(estimation, stated_fit, {**names_by_kind, "all sensors": all_names}))
-    if all(cause.explained <= _NEARLY_ALL for cause in causes):  # a late one is no worse left out
+    if all(cause.explained <= _NEARLY_ALL for cause in causes):  # a late one left out fits as well
         gains = [c.subject for c in hypotheses if c.kind == "gain" and c.strength > 1.0]
         causes += [gain_of(estimation, name, stated_fit) for name in gains[:3]]
 
@@ -382,7 +382,7 @@ def _late(estimation: Estimation, stated_fit: Refit, sensors: str, names: Collec
     late_ms = 1e3 * float(fit_with_delay.box.delays_s(fit_with_delay.fit.eta)[is_late].mean())
     # The fit determines differences only, and no sensor shows a motion before it happens.
     name = f"{sensors} late" if late_ms > 0.0 else f"all but {sensors} late"
-    return compared(stated_fit, fit_with_delay, Cause(name, LATE_ADVICE, f"{abs(late_ms):#.2g} ms"))
+    return compared(stated_fit, fit_with_delay, Cause(name, LATE_ADVICE, f"{abs(late_ms):.1f} ms"))
 
 
 def _low_pass(

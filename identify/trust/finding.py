@@ -42,7 +42,7 @@ class Cause:
     explained: float = 0.0
     """Part of the excess of the squared residuals that the cause explains; 0 without a misfit."""
     moved: Mapping[str, float] = field(default_factory=dict)
-    """Change of each parameter's unknown: relative, or in its unit if it may be zero."""
+    """Change of each parameter's unknown: relative, or in units of its size in `SIGNED`."""
     certain: bool = False
     """True if it refuses the result even if it moves little: it can be put right."""
     code: str = ""

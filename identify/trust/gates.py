@@ -34,8 +34,7 @@ _PLAUSIBLE = {
     "front_wheel_hop_frequency": (5.0, 30.0),
     "rear_wheel_hop_frequency": (5.0, 30.0),
 }
-"""Limits far outside the values of road vehicles; a result beyond them has a wrong scale or
-unit."""
+"""Limits far outside the values of road vehicles: beyond them, a scale or unit is wrong."""
 _MEASURED = {"roll_gyration_over_track": (0.367, 0.512), "pitch_index": (0.816, 1.298)}
 """Least and largest value, whole vehicle, of 204 cars, vans and light trucks that were measured:
 NHTSA Light Vehicle Inertial Parameter Database."""
@@ -71,7 +70,7 @@ def with_widest_intervals(estimation: Estimation) -> Estimation:
 def undetermined(estimation: Estimation) -> tuple[str, ...]:
     """Return the parameters that the data must determine and do not.
 
-    One that may be zero (a bar, tyre damping) must only have a finite variance: the others hold.
+    One that may be zero (a bar, tyre damping) must only have a finite variance.
     """
     return tuple(
         name
@@ -119,7 +118,7 @@ def parameter_findings(estimation: Estimation) -> Iterator[Finding]:
 
 
 def missing_runs(estimation: Estimation) -> str:
-    """Return the kind of runs without which a campaign shows no car; nothing if it has them."""
+    """Return "roll" or "pitch", the kind of runs that a campaign lacks, or "" if neither is."""
     labels = [record.label for record in estimation.records]
     # Fraction of its height by which each kind of bump lifts each wheel.
     lifts = [b.height_ratios for kind, b in BUMPS.items() if any(f"_{kind}_" in n for n in labels)]
@@ -192,26 +191,24 @@ def mode_snr_db(estimation: Estimation) -> dict[str, tuple[float, ...]]:
 # Size and place of the misfit ---------------------------------------------------------------------
 
 CHI2_LIMIT = 1.5
-"""Beyond this a result is refused: every row of the stress list that costs more than a third of a
-parameter lies there."""
+"""Beyond it a result is refused: every simulated fault that moves a parameter by a third is."""
 Z_LIMIT = 4.5
 """Normal deviate of a correlation: one false alarm in 20,000 campaigns of seven channels."""
 NARROW_LIMIT = 1.3
 """Factor by which intervals may be too narrow: they then cover 87 % instead of 95 %."""
 EARLY_S = 0.3
-"""Length of the early part, s, which is tested separately: errors of the wheels' motion end within
-it."""
+"""Length of the early part, s, tested separately: errors of the wheels' motion end within it."""
 
 
 def chi2_by_run(estimation: Estimation) -> dict[str, dict[str, float]]:
     """Return chi2 per degree of freedom, by run and channel."""
     noise = estimation.noise
     return {
-        decay.label: {
-            name: float(values @ values) / noise[name] ** 2 / decay.freedom[name]
-            for name, values in decay.values.items()
+        of_run.label: {
+            name: float(values @ values) / noise[name] ** 2 / of_run.freedom[name]
+            for name, values in of_run.values.items()
         }
-        for decay in estimation.residuals
+        for of_run in estimation.residuals
     }
 
 
@@ -409,7 +406,7 @@ def _correlations(
     for channel, of_channel in sums.items():
         products, squares, n_pairs, constants = of_channel.tolist()
         is_above_rounding = squares > 0.01 * noise[channel] ** 2 * n_pairs
-        if n_pairs >= 100 and is_above_rounding and channel in shows_noise:  # known to 0.1
+        if n_pairs >= 100 and is_above_rounding and channel in shows_noise:  # 100 show r to 0.1
             # Each fitted constant takes a smooth part, of correlation 1, out of the residuals:
             # one pair's worth, which is added again.
             r = products / squares + constants / n_pairs

@@ -55,7 +55,7 @@ TABLE = {
 """Effects that a linear model may lack, without their sizes."""
 
 _LEAST_CHANGE = 0.02
-"""Relative change of a parameter from which runs, or the small motion, disagree."""
+"""Change of a parameter's unknown from which runs, or the small motion, disagree."""
 
 
 def kind_of_sensor(channel: Channel) -> str:
@@ -141,9 +141,9 @@ def rank_causes(estimation: Estimation) -> tuple[Cause, ...]:
     richest_eta = richest.unknowns_of(estimation.full)
     richest_eta[len(richest.parameters) :] = (E @ eta)[len(richest.parameters) :]
     blocks = linearised(richest, decays, estimation.noise, richest_eta).blocks
-    of_decays = [block for label, block in blocks.items() if label != PRIORS]
-    H = np.sum([block.information for block in of_decays], axis=0)
-    g = np.sum([block.gradient for block in of_decays], axis=0)
+    of_data = [block for label, block in blocks.items() if label != PRIORS]  # decays and facts
+    H = np.sum([block.information for block in of_data], axis=0)
+    g = np.sum([block.gradient for block in of_data], axis=0)
     prior = box.prior_sigma**-2
     covariance = np.linalg.pinv(E.T @ H @ E + np.diag(prior), hermitian=True)  # (P, P)
     # Zero at the optimum, but for rounding and a noise other than that of the fit.
@@ -200,7 +200,8 @@ def rank_causes(estimation: Estimation) -> tuple[Cause, ...]:
 def _embedding(box: GreyBox, richest: GreyBox) -> Real:
     """Return the matrix from the P unknowns of a problem to the R of the richest one, (R, P).
 
-    A parameter of both sides is two there; the cross weight, if there is one, comes last in both.
+    A parameter of both sides is two there; the cross weight, an unknown of both problems if loads
+    of corners are stated, comes last.
     """
     E = np.zeros((len(richest.prior_sigma), len(box.prior_sigma)))
     for p, name in enumerate(box.parameters):
@@ -276,12 +277,15 @@ class Disagreement(NamedTuple):
     parameter: str
     """The parameter with the steepest gradient."""
     change: float
-    """Relative change of that parameter that the part asks for, the others kept."""
+    """Change of its unknown that the part asks for, the others kept (units as in `Cause.moved`)."""
 
     @property
     def in_words(self) -> str:
         """The parameter and the change that is asked for."""
-        return f"({self.parameter} {self.change * 100:+.0f} %)"
+        size = SIGNED.get(self.parameter)
+        unit = parameter_unit(self.parameter) if size else "%"
+        digits = 3 if unit == "m" else 0
+        return f"({self.parameter} {self.change * (size or 100.0):+,.{digits}f} {unit})"
 
 
 def disagreement_of(estimation: Estimation, blocks: Sequence[NormalBlock]) -> Disagreement:

@@ -62,6 +62,7 @@ def sample_findings(session: Session, records: Sequence[Record]) -> Iterator[Fin
             "samples are not measured and bias the result: check the sensor and repeat the run"
         )
         yield Finding("stuck_channels", Severity.WARNING, text)
+    # The fit may move a start back, into the guard time.
     starts_s = {record.label: decay_start_s(record) - GUARD_S for record in records}
     tops = [  # number of equal samples, their value, and where
         (stop - start, f"{column[start]:.4g} {channel.unit}", f"{channel.name} in {record.label}")
@@ -105,7 +106,7 @@ def _lacking(records: Sequence[Record], session: Session) -> Iterator[tuple[str,
         elif session.runs:
             first = session.runs[0]
             why = "; ".join(first.reasons) or "by hand"
-            text = f"no accepted run; all {len(session.runs)} are rejected, {first.label}: {why}"
+            text = f"no accepted run of {len(session.runs)}; {first.label} is rejected: {why}"
         yield "no_runs", text
         return
     names = [record.label for record in records]
@@ -220,7 +221,7 @@ def unused_findings(session: Session, used: Usable) -> Iterator[Finding]:
 
 
 def scale_facts(box: GreyBox) -> tuple[str, ...]:
-    """Return the stated facts that fix the scale: loads, or a spring that was measured."""
+    """Return the quantities of facts that fix the scale: loads, or a spring that was measured."""
     return tuple(fact.quantity for fact in box.facts if fact.quantity not in _LENGTHS)
 
 
@@ -270,11 +271,11 @@ class Contradiction(NamedTuple):
     sigmas: float
     """Misfit in its own standard deviations, after the statements named before it were removed."""
     direction: Real
-    """Error of each statement, in its sigmas, for one unit of this one, (n_stated,)."""
+    """Error of each statement, in its sigmas, (n_stated,): 1 of this one, or each weight's mass."""
 
 
 class _Stated:
-    """Compares statements with a fit: facts, then places, delays, gains and weights."""
+    """Compares statements with a fit: facts, then the corrections of the grey box."""
 
     def __init__(self, estimation: Estimation) -> None:
         box, eta = estimation.box, estimation.fit.eta
@@ -301,16 +302,12 @@ class _Stated:
     def sizes(self, directions: Sequence[Real]) -> tuple[Real, dict[str, float]]:
         """Return by what multiple of each of k directions, (n_stated,), statements are off, (k,).
 
-        Then the relative change of each parameter without the statements of these directions, zero
-        for parameters that may be zero.
+        Then the change of each parameter's unknown (`Cause.moved`) without these statements.
         """
         D = np.column_stack(directions)  # (n_stated, k)
         sizes = np.linalg.solve(D.T @ self.redundancy @ D, D.T @ self.misfits)
         changes = -self.covariance @ (self.rows.T @ (D @ sizes))
-        return sizes, {
-            name: 0.0 if name in SIGNED else change
-            for name, change in zip(self.parameters, changes.tolist(), strict=False)
-        }
+        return sizes, dict(zip(self.parameters, changes.tolist(), strict=False))
 
 
 def contradiction_findings(estimation: Estimation) -> Iterator[Finding]:
@@ -319,7 +316,7 @@ def contradiction_findings(estimation: Estimation) -> Iterator[Finding]:
     if not wrong:
         return
     sizes, changes = _Stated(estimation).sizes([direction for *_, direction in wrong])
-    moved = max(map(abs, changes.values()))
+    moved = max(abs(change) for name, change in changes.items() if name not in SIGNED)
     corrections = dict(zip(estimation.box.corrections, estimation.box.stated, strict=True))
     named = []
     for (name, sigmas, _), size in zip(wrong, sizes.tolist(), strict=True):
@@ -336,9 +333,8 @@ def contradiction_findings(estimation: Estimation) -> Iterator[Finding]:
 def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
     """Return the statements that the runs contradict, the worst first.
 
-    Where the residuals exceed the noise, a misfit counts in units of the residuals.  None where the
-    fit did not converge, or is a linear one that does not hold: away from the car every statement
-    has a misfit.
+    Where the residuals exceed the noise, a misfit counts in units of the residuals.  Empty for a
+    fit that did not converge, or a linear one that does not hold: it contradicts every statement.
     """
     holds = estimation.holds or estimation.nonlinear is not None
     if not (estimation.fit.converged and holds):
@@ -348,28 +344,29 @@ def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
     # Covariance of the misfits, (n_stated, n_stated), and k suspected directions, (n_stated, k).
     misfits, Q = stated.misfits / unit, stated.redundancy
     names, D = _suspects(estimation.box)
-    first_power = np.einsum("ik,ij,jk->k", D, Q, D)
+    first_variance = np.einsum("ik,ij,jk->k", D, Q, D)  # of the misfit in each direction
     squared_length = np.maximum(np.einsum("ik,ik->k", D, D), 1e-300)
     # Where the misfit has less of a statement's variance, the fit is not exact enough to test it.
-    has_redundancy = first_power > 1e-5 * squared_length
+    has_redundancy = first_variance > 1e-5 * squared_length
     wrong: list[Contradiction] = []
     while names:
-        power = np.einsum("ik,ij,jk->k", D, Q, D)  # variance of the misfit in each direction
+        variance = np.einsum("ik,ij,jk->k", D, Q, D)
         # Of a direction that those taken out leave less, rounding decides.
-        testable = has_redundancy & (power > 1e-3 * first_power)
-        sigmas = np.where(testable, (D.T @ misfits) / np.sqrt(np.where(testable, power, 1.0)), 0.0)
+        testable = has_redundancy & (variance > 1e-3 * first_variance)
+        stds = np.sqrt(np.where(testable, variance, 1.0))
+        sigmas = np.where(testable, (D.T @ misfits) / stds, 0.0)
         worst = int(np.argmax(np.abs(sigmas)))
         if not abs(sigmas[worst]) > _LIMIT_SIGMAS:
             break
         d = D[:, worst]
-        powers = np.where(testable, power, np.inf) * power[worst]
-        correlation = np.abs(D.T @ Q @ d) / np.sqrt(powers)
+        variances = np.where(testable, variance, np.inf) * variance[worst]
+        correlation = np.abs(D.T @ Q @ d) / np.sqrt(variances)
         # The runs do not show which of several statements is wrong whose tests are so alike.
         alike = [names[k] for k in np.flatnonzero(correlation > 0.95).tolist() if k != worst]
         name = " or ".join([names[worst], *alike])
         wrong.append(Contradiction(name, float(abs(sigmas[worst])), d))
         # The error in this direction is taken out of the misfits and their covariance.
-        response = Q @ d / power[worst]
+        response = Q @ d / variance[worst]
         misfits = misfits - response * (d @ misfits)
         Q = Q - np.outer(response, Q @ d)
     return tuple(wrong)
@@ -378,8 +375,8 @@ def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
 def _suspects(box: GreyBox) -> tuple[tuple[str, ...], Real]:
     """Return k suspects, each statement and all weights: names, and directions, (n_stated, k).
 
-    All weights together only if there are two or more, and a fact fixes the scale, too: gravity
-    shows it too weakly.
+    A direction is the error of each statement in its sigmas.  All weights together only if two or
+    more are uncertain and a fact fixes the scale: runs alone hardly show a common factor.
     """
     facts = [f"{fact.quantity} = {fact.value:g} ± {fact.sigma:g}" for fact in box.facts]
     names = [*facts, *box.corrections]
@@ -396,12 +393,12 @@ def _suspects(box: GreyBox) -> tuple[tuple[str, ...], Real]:
 
 
 def contradicted_shift(estimation: Estimation, wrong: Sequence[Contradiction]) -> dict[str, float]:
-    """Return the relative change of each parameter without the contradicted statements."""
+    """Return the change of each parameter's unknown without the contradicted statements."""
     return _Stated(estimation).sizes([direction for *_, direction in wrong])[1]
 
 
 def shift_without_scales(estimation: Estimation) -> dict[str, float]:
-    """Return the change of each parameter if the stated loads and springs are off by one factor."""
+    """Return the change of each parameter's unknown if loads and springs are off by one factor."""
     box, scaled = estimation.box, scale_facts(estimation.box)
     loads = [f.value / f.sigma if f.quantity in scaled else 0.0 for f in box.facts]
     direction = np.array([*loads, *np.zeros(len(box.corrections))])

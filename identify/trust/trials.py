@@ -25,8 +25,7 @@ from .finding import NAMED_SHARE, Cause
 from .hypotheses import ROTATIONS
 
 _RANKING_STEPS = 6
-"""Steps after which trials are compared: from a generic car, the true labels have the lowest cost
-after four."""
+"""Steps after which trials are compared: the true labels have the lowest cost after four."""
 _LB_KG = 0.45359237
 
 _FL, _FR, _RL, _RR = Corner
@@ -52,6 +51,8 @@ class Trial(NamedTuple):
     """From the label of a run's mass state."""
     state: Callable[[MassState], MassState] = lambda state: state
     fact: Callable[[Fact], Fact] = lambda fact: fact
+    code: str = "swapped_labels"
+    """Code of the finding, if the fault is named as one of `swapped_labels`."""
 
 
 AS_STATED = Trial("as stated")
@@ -80,10 +81,10 @@ def refit(
 ) -> Refit:
     """Return the fit of the thinned decays as a trial describes them.
 
-    `start_eta`: unknowns of the estimation's box, (P,), at which the fit begins; by default its
-    optimum.  `hold`: damping of the first steps (`identify.fit.likelihood.fit`).  `steps`: largest
-    number of steps.  `length_s`: length to which the decays are cut; the first second shows every
-    fault of a sensor or label.
+    `start_eta`: unknowns at whose parameters, which come first, the fit begins; by default the
+    estimation's optimum.  `hold`: how strongly the first steps are held near it (see `fit`).
+    `steps`: largest number of steps.  `length_s`: length to which the decays are cut; the first
+    second shows every fault of a sensor or label.
     """
     decays = []
     for decay in estimation.decays:
@@ -97,7 +98,7 @@ def refit(
     states, facts = map(trial.state, stated.mass_states), map(trial.fact, stated.facts)
     box = GreyBox(tuple(groups), tuple(states), stated.geometry, stated.structure, tuple(facts))
     start = parameters_as_start(box, stated, estimation.fit.eta if start_eta is None else start_eta)
-    result = fit(box, tuple(decays), estimation.noise, start, 0.3, steps, hold)
+    result = fit(box, tuple(decays), estimation.noise, start, 0.3, steps, hold)  # to 0.3 sigma
     return Refit(box, tuple(decays), result)
 
 
@@ -118,7 +119,7 @@ def ranked(
 
 
 def parameters_as_start(box: GreyBox, fitted_box: GreyBox, eta: Real) -> Real:
-    """Return unknowns of `box`: parameters at `eta` of `fitted_box`, like it, corrections zero."""
+    """Return unknowns of `box`: its parameters as in `eta`, unknowns of `fitted_box`; else zero."""
     n = len(fitted_box.parameters)
     return np.concatenate([eta[:n], np.zeros(len(box.prior_sigma) - n)])
 
@@ -147,25 +148,24 @@ def with_first_repeats(estimation: Estimation) -> Estimation:
 
 
 def swapped_labels(estimation: Estimation) -> Cause | None:
-    """Return the swapped labels that explain most of a misfit; None if there are none.
+    """Return the swapped labels, or pounds, that explain most of a misfit; None if there are none.
 
-    No swap has more unknowns than the fit as stated, so the costs are compared directly.
+    No trial has more unknowns than the fit as stated, so the costs are compared directly.
     """
-    swaps = ranked(estimation, _swaps(estimation))
-    if not swaps:
+    trials = ranked(estimation, _swaps(estimation))
+    if not trials:
         return None
-    rough_fit, swap = swaps[0]
-    stated_fit, swapped_fit = refit(estimation), refit(estimation, swap, rough_fit.fit.eta)
-    code = "swapped_labels" if "swapped" in swap.name else "pounds"
-    named = Cause(swap.name, swap.advice, certain=True, code=code)
-    cause = compared(stated_fit, swapped_fit, named)
+    rough_fit, best = trials[0]
+    stated_fit, changed_fit = refit(estimation), refit(estimation, best, rough_fit.fit.eta)
+    named = Cause(best.name, best.advice, certain=True, code=best.code)
+    cause = compared(stated_fit, changed_fit, named)
     # Squared residuals in units of the noise; by less than 100 they may fall by chance.
-    gain = stated_fit.fit.cost - swapped_fit.fit.cost
+    gain = stated_fit.fit.cost - changed_fit.fit.cost
     return cause if cause.explained > NAMED_SHARE and gain >= 100.0 else None
 
 
 def _swaps(estimation: Estimation) -> Iterator[Trial]:
-    """Yield exchanges of mass states, corners and rates of the body, and weights in pounds."""
+    """Yield exchanges of mass states, of corners, of pitch and roll; loads or weights in pounds."""
     channels = [c for group in estimation.box.groups for c in group.channels]
     present = sorted({decay.mass_state for decay in estimation.decays})
     if len(present) == 2:
@@ -178,11 +178,11 @@ def _swaps(estimation: Estimation) -> Iterator[Trial]:
             if exchange.keys() <= channel_at.keys():
                 pairs = {channel_at[a].name: channel_at[b] for a, b in exchange.items()}
                 yield _swapped(f"{quantity.replace('_', ' ')} of {where} swapped", pairs)
-    rates = {c.quantity: c for c in channels if c.corner is None}
-    for a, b in ((rates.get(pitch), rates.get(roll)) for pitch, roll in ROTATIONS):
+    on_body = {c.quantity: c for c in channels if c.corner is None}
+    for a, b in ((on_body.get(pitch), on_body.get(roll)) for pitch, roll in ROTATIONS):
         if a and b:
             yield _swapped(f"{a.name} and {b.name} swapped", {a.name: b, b.name: a})
-    if any(fact.quantity in LOADS for fact in estimation.box.facts):
+    if any(fact.quantity in LOADS for fact in estimation.box.facts):  # decays alone show no unit
 
         def loads_in_lb(fact: Fact) -> Fact:
             kg_per_unit = _LB_KG if fact.quantity in LOADS else 1.0
@@ -192,8 +192,10 @@ def _swaps(estimation: Estimation) -> Iterator[Trial]:
             weights = (replace(w, mass_kg=_LB_KG * w.mass_kg) for w in state.added.weights)
             return replace(state, added=replace(state.added, weights=tuple(weights)))
 
-        yield Trial("scales in lb", "state the loads of the car in kg", fact=loads_in_lb)
-        yield Trial("added weights in lb", "state the weights in kg", state=weights_in_lb)
+        advice = "state the loads of the car in kg"
+        yield Trial("scales in lb", advice, fact=loads_in_lb, code="pounds")
+        advice = "state the weights in kg"
+        yield Trial("added weights in lb", advice, state=weights_in_lb, code="pounds")
 
 
 def _swapped(name: str, described_as: Mapping[str, Channel]) -> Trial:
@@ -243,9 +245,9 @@ class _Change(NamedTuple):
         return Trial(self.name, state=with_tried_weight)
 
     def fitted(self, few: Estimation, start_eta: Real) -> tuple[Refit, _Change]:
-        """Return the fit to some decays with mass or place of the weight free, and the weight then.
+        """Return the fit of `few` with mass or place of the weight free, and the weight as fitted.
 
-        The corner of a hub's weight stays as tried.
+        The place of a hub's weight, its corner, stays as tried.
         """
         weight = self.tried
         if self.factor != 1.0:
@@ -320,8 +322,8 @@ def _wrong_weight(
 ) -> Cause | None:
     """Return the weights one of which is wrong; None if none is, or no runs show it.
 
-    They show it only beside runs without weights, on which all fits begin.  Of all changes, those
-    of the three likeliest weights are fitted with mass or place free.
+    They show it only beside runs without weights: all fits begin at the car that these show.  Of
+    all changes, the best of each of the three likeliest weights is fitted with mass or place free.
 
     `explains`: whether a change explains the misfit, from the excess with the change, with the
     weights as stated, and of the runs without weights.  `least_factor`: factor by which a mass must
@@ -366,7 +368,7 @@ def _changes(box: GreyBox) -> Iterator[_Change]:
 
     The true mass or place is near one of them.
     """
-    a, b = generic_vehicles()[0][11:13].tolist()
+    a, b = generic_vehicles()[0][11:13].tolist()  # m, distances of the axles from the CG
     for state in box.mass_states:
         for i, w in enumerate(state.added.weights):
             others: list[Weight] = [

@@ -172,11 +172,6 @@ def antisymmetric(model: PhysicalModel) -> list[bool]:
     ]
 
 
-def baseline(estimation: Estimation) -> PhysicalModel:
-    full = estimation.box.full(estimation.fit.eta.astype(complex)).real
-    return loaded_model(full, AddedMass())
-
-
 def brute_force_db(estimation: Estimation, decay: FreeDecay) -> Array:
     """Energy of each mode by one large least-squares problem, sample by sample.
 
@@ -226,7 +221,7 @@ def test_the_energy_is_that_of_a_large_least_squares_problem() -> None:
 def test_bounce_and_pitch_do_not_excite_roll() -> None:
     estimation = estimated("linear", 1)
     snr = mode_snr_db(estimation)
-    against = np.array(antisymmetric(baseline(estimation)))
+    against = np.array(antisymmetric(loaded_model(estimation.full, AddedMass())))
     assert against.sum() == 3
     for label in ("baseline_bounce_1", "baseline_pitch_2"):
         levels = np.array(snr[label])
