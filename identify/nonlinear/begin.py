@@ -118,10 +118,7 @@ def is_impossible(box: GreyBox, eta: Real, vehicles: Sequence[Real]) -> bool:
 
 
 def position_at_rest(model: Model, eta: Real, loaded: Car) -> Real:
-    """Return the displacement of a loaded car at `eta`, (P,), under its added weights, (7,).
-
-    Its springs count as linear.
-    """
+    """Return the displacement, (7,), of a linear car at `eta`, (P,), under its added weights."""
     full = model.box.full(eta[: model.n_linear].astype(complex))
     _, _, K = full_matrices(full)
     force_n = np.concatenate([loaded.gravity, loaded.corner[:, GRAVITY]])

@@ -1,8 +1,8 @@
 """One mass state of a car for the integration: coefficients of its corners and its body.
 
-All that a corner's forces depend on is a row of numbers (`COLUMNS`), so that the path needs
-to know neither axles nor structures nor which of the numbers are unknown; their derivatives by the
-unknowns come by a complex step through the grey box.
+All that a corner's forces depend on is a row of coefficients (columns `X` to `KNEES`), so that the
+path needs to know neither axles nor structures nor which of the numbers are unknown; their
+derivatives by the unknowns come by a complex step through the grey box.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Element:
 
 _LOG = np.nan
 _ROWS: tuple[tuple[Any, ...], ...] = (
-    # kind, reported name, unit, scale, absent, low, high, prior, reach
+    # kind, reported name, and the fields of `Element` from `unit` on
     ("F_c", "friction", "N", 50.0, 0.0, -100.0, 1000.0),
     ("d_c", "pre_sliding_length", "m", _LOG, 0.5e-3, 0.01e-3, 5e-3, 1.0),
     ("r_c", "static_surplus", "1", 1.0, 0.0, -0.5, 2.0, 0.5),
@@ -236,7 +236,7 @@ class Car:
 
 
 def car(model: Model, eta: Real, state: MassState, free: NDArray[np.intp]) -> Car:
-    """Return a mass state at `eta`, (P,), and its derivatives by the unknowns at `free`, (F,)."""
+    """Return the car of a mass state at `eta`, (P,), its derivatives by the unknowns at `free`."""
     # `eta` itself, then with a complex step in each free unknown.
     points = stepped(eta)[np.concatenate([[0], 1 + free])]
     corner, mass, gravity = _coefficients(model, points, state)

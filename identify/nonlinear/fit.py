@@ -200,8 +200,8 @@ def fit(
     then no combination of unknowns is further off than the square root of that, in standard
     deviations.  It has also converged if no step, however strongly damped, lowers the cost itself
     (at corners of the force laws the tangents promise more than the paths give), or if only the gap
-    of a stop or the knees of a curve still creep.  `rough`: part of the cost of which a gain ends
-    the fit, too.  `is_over`: whether the time has passed; the fit then ends where it is.
+    of a stop or the knees of a curve still creep.  `rough`: a fall of the cost by less than this
+    part of it ends the fit, too.  `is_over`: whether the time has passed; the fit then ends there.
     """
     current = point_at(problem, eta, initials, grade)
     full_step = _full_step(current)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from daq.vehicle import parameter_unit
 from dbc.frames import freeze_arrays
 
 from ..fit.grey_box import SIGNED
@@ -25,7 +26,7 @@ AS_PARAMETERS = frozenset({"anti_roll_bars", "cg_offset", "tyre_damping"})
 
 
 def element_in_words(name: str) -> str:
-    """Return the name of an unknown element in words: `front friction` for `F_cf`."""
+    """Return the name of an element, not of a knee, in words: `front friction` for `F_cf`."""
     label = next(label for label, kind in KINDS.items() if kind == name[:-1])
     words = "mount compliance" if label == "mount" else label.replace("_", " ")
     return f"{AXLES[name[-1] == 'r']} {words}"
@@ -71,7 +72,7 @@ class AxleForces:
     damper: DamperCurve
     values: dict[str, Estimate]
     """Elements that are in the structure, by name: `friction` [N], `pre_sliding_length` [m],
-    `static_surplus` (share by which static friction exceeds it), `stribeck_speed` [m/s],
+    `static_surplus` (share by which it is larger at rest), `stribeck_speed` [m/s],
     `bump_stop` [N/m] (force over compression at 10 mm of it), `bump_stop_gap` [m],
     `bump_stop_power` (of the compression), `mount` [N/m], `progressive` [N/m2], `cubic` [N/m3],
     `tyre_progressive` [1/m], `friction_left_right` [N] and `dampers_left_right` (half the
@@ -128,7 +129,7 @@ def element_estimates(best: Optimum, covariance: Real) -> dict[str, Estimate]:
             slope = abs(value) if element.logarithmic else element.scale
         elif name in parameters:
             value, slope, size = parameters[name], slopes[name], SIGNED.get(name, 0.0)
-            unit = {"k": "N/m", "c": "N s/m", "y": "m"}.get(name[0], "")
+            unit = parameter_unit(name)
         else:
             continue
         result[name] = Estimate.of(value, slope * float(np.sqrt(variance)), unit, size)
@@ -140,8 +141,8 @@ def axle_forces(
 ) -> AxleForces:
     """Return the forces of one axle at an optimum.
 
-    `covariance`, (F, F): of its free unknowns.  `values`: its `element_estimates`.  `axle`: front
-    or rear.
+    `covariance`, (F, F): of the free unknowns.  `values`: those of `element_estimates`.  `axle`:
+    front or rear.
     """
     left = 0 if axle == "front" else 2  # the axle's left corner
     corners = slice(left, left + 2)
@@ -179,7 +180,8 @@ def axle_forces(
 def _curve(car: Car, left_corner: int, speed: Real, covariance: Real) -> DamperCurve:
     """Return the curve of an axle's dampers at some speeds, (n,) m/s, compression positive.
 
-    The force is that of the left damper; the friction is the mean of both sides.
+    Damper and friction are the mean of both sides; if `[vehicle.structure]` has a damper for each
+    side, that of the left one.
     """
     # Coefficients of the left corner, (n_coefficients,), and their slopes by the unknowns, (.., F).
     p, d = car.corner[left_corner], car.d_corner[left_corner]

@@ -277,7 +277,7 @@ def column_rates(x, slopes, inverse, forcing, rates):
 
 @kernel
 def rk4(x, slopes, inverse, begin, half, end, h, work, after):
-    """Write a block of columns a step h later to `after`, and to `x` its accelerations before it.
+    """Write a block of columns, `x`, a step h later to `after`, and x's accelerations to its end.
 
     `begin`, `half`, `end`: forcing at the three nodes of the step.  `slopes`, (3, 52): of the
     corners there.  `work`, (5, rows * LANES): room for the stages.

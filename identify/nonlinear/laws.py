@@ -40,7 +40,7 @@ the lowest that the usual tables of dampers state."""
 
 
 def knee(w: Value, knot: Value, width: Value) -> Value:
-    """Return the speed beyond a knot, m/s: 0 at rest; a knot below 0 acts towards rebound."""
+    """Return the speed beyond a knot, m/s: 0 at rest; negative, in rebound, for a knot below 0."""
     if knot < 0.0:
         return hinge(knot, width) - hinge(knot - w, width)
     return hinge(w - knot, width) - hinge(-knot, width)
@@ -69,7 +69,7 @@ def secant_share(knot: float, width: float) -> float:
 
 
 def sliding_share(w: Value, surplus: Value, fall: Value) -> Value:
-    """Return the share of F_c at which it slides steadily at a speed w; `fall` is v, m/s."""
+    """Return the share of F_c at which it slides at a speed w; `surplus` is r, `fall` v, m/s."""
     return 1.0 + surplus * np.exp(-(w * w) / (fall * fall))
 
 
@@ -111,7 +111,7 @@ def friction_slopes(
 
 
 def mount_misfit(r: Value, force: Value, e: Value, w: Value, sigma: Value, loss_s: Value) -> Value:
-    """Return the residual of the mount's equation at the speed r, m; `force` is the damper's."""
+    """Return the residual, m, of the mount's equation at the speed r; `force` is the damper's."""
     return sigma * force + loss_s * r - e - loss_s * w
 
 

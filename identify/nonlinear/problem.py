@@ -76,6 +76,7 @@ def run_of(model: Model, decay: FreeDecay, sigma: Mapping[str, float]) -> Run:
         np.array([1.0 / sigma[c.name] for c in r.group.channels]) for r in decay.recordings
     )
     delay_sigma_s = max((group.delay_sigma_s for group in model.box.groups), default=0.0)
+    # Room for a lateness of four sigma, and for the step of its derivative.
     early_s = 4.0 * delay_sigma_s + 2.0 * _STEP_S if delay_sigma_s > 0.0 else 0.0
     return Run(decay, weights, early_s)
 
@@ -87,7 +88,7 @@ class Rows:
     rows: Mapping[str, Real]
     """(7,) of each channel."""
     slopes: Mapping[str, Real]
-    """(F, 7)."""
+    """(F, 7) of each channel, by the free unknowns."""
     delays_s: Mapping[ChannelGroup, float]
     """Lateness of each clock beyond its nominal one, s."""
 
@@ -222,7 +223,7 @@ class Problem:
         return misfits, slopes[:, self.free]
 
     def prior_terms(self, eta: Real) -> tuple[Real, Real]:
-        """Return misfits and slopes of the priors, then of the flat segments of damper curves."""
+        """Return misfits, (n,), and slopes, (n, F), of priors, then of flat segments of curves."""
         inverse_sigma = 1.0 / self.prior[self.free]
         misfits = (self.centre - eta)[self.free] * inverse_sigma
         deficits, falls = self.curve_terms(eta)
@@ -237,7 +238,7 @@ class Problem:
 
     @property
     def bounds(self) -> tuple[Real, Real]:
-        """Lowest and highest value of each free unknown."""
+        """Lowest and highest value of each free unknown, (F,) each."""
         low, high = np.full(len(self.centre), -np.inf), np.full(len(self.centre), np.inf)
         for i, e in enumerate(self.model.elements, start=self.model.n_linear):
             low[i], high[i] = e.unknown(e.low), e.unknown(e.high)
@@ -334,6 +335,7 @@ def point_at(
 
 def _mount_sd(car: Car) -> Real:
     """Return the deviation of the mounts' first deflection beyond that of their force, (4,) m."""
+    # The deflection under 500 N at a compliance of 1e-6 m/N; under less at a stiffer mount.
     return np.maximum(5e8 * car.corner[:, MOUNT] ** 2, 1e-9)
 
 

@@ -58,7 +58,7 @@ def real_car(
     log: Callable[[str], None],
     most_s: float = 45.0,
 ) -> RealCar | None:
-    """Fit the nonlinear model to the decays of an estimation that does not hold.
+    """Return the fit of the nonlinear model to the decays of an estimation that does not hold.
 
     `vehicles`, sequence of (15,) float64: generic vehicles to start from.  `decided`: elements that
     `[vehicle.structure]` forces or forbids.  `log`: receives a line for each stage.  `most_s`:
@@ -251,7 +251,7 @@ class NonlinearEngine:
 
     @property
     def elements(self) -> Mapping[str, int]:
-        """Position among the unknowns of a `Fit` of each element with a size: knees have none."""
+        """Position among the unknowns of a `Fit` of each element but knees, lengths, powers."""
         sized = {e.name for e in elements(()) if not e.logarithmic}
         names = self.problem.model.names
         reported = enumerate(names[i] for i in self.reported.tolist())

@@ -130,7 +130,7 @@ def optimum(eta: NDArray[np.float64], free: NDArray[np.intp]) -> Any:
         ("s_mf", 0.5, 0.2, 0.5e-6, 1.96 * 0.2e-6, "m/N", 1e-6),
         ("k_sf", float(np.log(17e3)), 0.01, 17e3, 1.96 * 170.0, "N/m", 0.0),
         ("c_sr", float(np.log(1500.0)), 0.01, 1500.0, 1.96 * 15.0, "N s/m", 0.0),
-        ("m_s", float(np.log(1380.0)), 0.01, 1380.0, 1.96 * 13.8, "", 0.0),
+        ("m_s", float(np.log(1380.0)), 0.01, 1380.0, 1.96 * 13.8, "kg", 0.0),
     ],
 )
 def test_an_unknown_is_reported_in_its_unit_with_its_interval(
