@@ -187,9 +187,9 @@ def share_of_faults(linear: Estimation) -> float:
     `linear`: a linear fit that does not hold, nor does one from a later start.
     """
     longest_s = max(float(r.time_s[-1]) for d in linear.decays for r in d.recordings)
-    vague = missing_runs(linear) and undetermined(linear)
+    lacks_runs = missing_runs(linear) and undetermined(linear)
     # In less than half a period of the body, a decay does not show how its size affects the motion.
-    if longest_s < 0.5 or vague or some_runs_are_wrong(linear):
+    if longest_s < 0.5 or lacks_runs or some_runs_are_wrong(linear):
         return 1.0
     excess = max(linear.chi2_per_n - 1.0, 0.0)
     share = min(max(s.explained for s in rank_causes(linear) if s.of_bench), 1.0)

@@ -56,6 +56,7 @@ SEVERITY: Mapping[Verdict, str] = {
     Verdict.DOUBTFUL: "doubt",
     Verdict.REFUSED: "refused",
 }
+"""Word before a finding, by the verdict that it asks for."""
 NOT_OK = "Where a verdict is not ok, neither intervals nor significances hold."
 """Caution beside a comparison of sessions."""
 

@@ -45,7 +45,6 @@ class Linearised:
     points: Mapping[str, StateModel]
     """The model of each mass state."""
     batches: Sequence[Batch]
-    """The recordings of the decays."""
     linear: tuple[LinearPart, ...]
     """The linear part of each decay, fitted."""
     blocks: dict[str, NormalBlock]
@@ -153,7 +152,7 @@ def fit(
             last_sigmas = step_sigmas
             eta, normal, model = eta + step, trial, trial_model
             damping = max(damping / 10, 1e-9)
-            hold *= 0.7
+            hold *= 0.7  # twenty such steps let it go
         elif damping > 1e8:  # no step, however short, lowers the cost
             break
         else:

@@ -179,7 +179,7 @@ def delta_mass(
     to both inertias for its height h above the CG; a weight on a hub adds to that wheel.  To these
     is added `added.matrix`, stated about the same CG, as it is.  `a`, `y_s`, (...): position of the
     CG, m, behind the front axle and to the left of the middle.  `off`, (..., n_weights, 3):
-    difference of each weight from what is stated, kg, and x, y, m.
+    difference of each weight from what is stated, kg, and x, y, m; None: there is none.
     """
     a, y_s = np.broadcast_arrays(np.asarray(a, dtype=complex), np.asarray(y_s, dtype=complex))
     total = np.broadcast_to(added.matrix, (*a.shape, N_DOF, N_DOF)).astype(complex)

@@ -68,7 +68,7 @@ class Samples:
     series: tuple[Series, ...]
     """The blocks laid out for sums with any poles, those that are sampled alike together."""
     block_of: NDArray[np.intp]
-    """Number of the block of each series, -1 where there is none, (n_runs, n_channels)."""
+    """Index of the block of each series, -1 where there is none, (n_runs, n_channels)."""
     power: Real
     """Sum of the squares of each series, (n_runs, n_channels)."""
     count: Real
@@ -80,7 +80,7 @@ class Samples:
         return max(float(block.time_s[-1]) for block in self.blocks)
 
     def gain_by_noise(self, poles: Complex) -> float:
-        """Return what modes with these poles may gain by following noise.
+        """Return what modes with these poles may add to `Point.log_likelihood` by following noise.
 
         Each free number gains about 1, so a mode's gain is chi-squared distributed; and noise may
         look like a mode at as many frequencies as there are samples, the best of which is chosen.
@@ -333,7 +333,7 @@ a factor of 10 refuses every second step."""
 class System:
     """Normal equations of the poles and then of each channel's shapes, N = 2 m (1 + n_channels).
 
-    The amplitudes are eliminated.  All have a diagonal of 1; unknowns that are held have zeros.
+    The amplitudes are eliminated; before that, the diagonal was 1.  Unknowns that are held have 0.
     """
 
     n_poles: int

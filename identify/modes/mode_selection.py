@@ -153,7 +153,8 @@ def _strongest_sums(decays: Sequence[NDArray[np.float64]]) -> list[NDArray[np.fl
 def _best_start(spaces: Sequence[DelaySpace], samples: Samples, duration_s: float) -> Point:
     """Return the stable set of highest merit, real poles included, without needless poles.
 
-    Up to `_MOST_SETS` different sets, with at least half of the most poles, are fitted.
+    Up to `_MOST_SETS` different sets, with at least half of the most poles, are fitted to
+    `samples`.  `duration_s`: of the longest record.
     """
     stable_sets = [s for space in spaces for s in diagram_of(space, duration_s).stable_sets]
     most_poles = max((len(poles) for poles, _ in stable_sets), default=0)
@@ -259,7 +260,7 @@ def _better(
 def _split(modes: LikelyModes) -> Poles:
     """Return poles and shapes of the modes, with a second one next to one of them.
 
-    It is that whose slope by the pole the residuals follow most: two modes may be hidden there.
+    The residuals follow the slope by the pole of that one most: two modes may be hidden there.
     """
     residuals = modes.point.residuals / modes.noise[:, None]  # (n_runs, n_channels, p)
     pole_slope = modes.point.condensed.timed  # (n_runs, n_channels, p, m)

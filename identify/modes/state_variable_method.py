@@ -65,11 +65,11 @@ class DelaySpace:
 def scaled_records(
     records: Sequence[ArrayLike], rate_hz: float
 ) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
-    """Return records (n_samples, n_channels) of rms 1 in each channel, and the rms, (n_channels,).
+    """Return records (n_samples, n_channels) over the rms of each channel, and that, (n_channels,).
 
-    A channel of zeros stays as it is.  Raises InputError for no record, one that is not
-    two-dimensional or not of numbers, different numbers of channels, fewer than 8 samples, NaN or
-    infinity, a rate that is not positive.
+    The rms is of all records, and 1 for a channel of zeros.  Raises InputError for no record, one
+    that is not two-dimensional or not of numbers, different numbers of channels, fewer than 8
+    samples, NaN or infinity, a rate that is not positive.
     """
     if not (np.isfinite(rate_hz) and rate_hz > 0.0):
         raise InputError(_WHERE, f"the rate is {rate_hz} Hz", "give samples a second, above 0")
