@@ -48,7 +48,7 @@ class CheckReport:
     """Time from the first frame to the last, s."""
     frames: int
     lines: tuple[Finding, ...]
-    """Lines on buses, messages, sample sets and channels, in this order."""
+    """On buses, messages, sample sets, the trigger, open questions and channels, in this order."""
 
     @property
     def verdict(self) -> Severity:
@@ -69,7 +69,7 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
         return CheckReport(0.0, 0, (line,))
     decoded = codec.decode(frames)
     keeping = timekeeping(bench, codec)
-    table = frame_table(codec.messages, frames)  # without error and remote frames
+    table = frame_table(codec.messages, frames)
     lines = check_buses(table, decoded.counts.error_frames, bench.buses)
     lines += check_messages(mapped, keeping, table, decoded)
     groups = {g.name: g for g in sample_groups(mapped, decoded, keeping, int(frames.t_ns[0]))}
@@ -92,17 +92,15 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
 def _set_line(sample_set: SampleSet, group: SampleGroup) -> Finding:
     """Return the line on a sample set: its rate, and the samples that lack a frame."""
     n = len(group.time_s)
-    missing = int(np.sum(np.isnan(np.array(list(group.values.values()))).any(axis=0)))
+    missing = int(np.count_nonzero(group.quality & np.uint8(Quality.MISSING)))
     rate_hz = (n - 1) / float(group.time_s[-1] - group.time_s[0]) if n > 1 else 0.0
     severity, text, advice = OK, f"{n} samples at {rate_hz:.1f} Hz", ""
     if missing > 0.01 * n + 2:  # the first and the last set may be incomplete
         severity = FAIL if missing > n / 2 else WARN
         text = f"{missing} of {n} samples {plural(missing, 'lacks', 'lack')} a frame"
         advice = f"are {', '.join(sample_set.messages)} sent at one rate, in one burst?"
-    figures = {"samples": n, "incomplete": missing, "rate_hz": rate_hz}
-    return Finding(
-        "sample_set", severity, text, f"sample set {group.name}", advice, figures=figures
-    )
+    subject, figures = group.name, {"samples": n, "incomplete": missing, "rate_hz": rate_hz}
+    return Finding("sample_set", severity, text, f"sample set {subject}", advice, figures=figures)
 
 
 # The channels: the readings of the sensors while the car stands still -----------------------------
@@ -181,11 +179,9 @@ def check_channel(
     if channel.quantity is not Quantity.UNUSED and not _fails(stuck):
         faults += _rest_faults(mapped, rest)
         if channel.quantity in (Quantity.BODY_ACCELERATION, Quantity.HUB_ACCELERATION):
-            code, severity, text, advice = _gravity(mapped, rest)
-            if severity is OK:
-                gravity = f", {text}"
-            else:
-                faults.append((code, severity, text, advice))
+            fault = _gravity(mapped, rest)
+            gravity = "" if fault else ", +1 g"
+            faults += [fault] if fault else []
         if 0 < rate_hz < 50.0:
             text = f"{rate_hz:.0f} Hz is slow: wheels hop at 10 to 15 Hz"
             faults.append(("slow", WARN, text, "ask the sensor for 100 Hz or more"))
@@ -267,15 +263,15 @@ def _stuck_faults(
 ) -> Iterator[Fault]:
     """Yield a fault if the channel has one value, in more samples than chance allows.
 
-    `raw`: the same samples in the unit of the database.  A coarse sensor, whose step may exceed the
-    noise at rest, gives a warning only; an unused one nothing.
+    `raw`: its samples in the unit of the database; `value`: in SI; (n,) each.  A coarse sensor,
+    whose step may exceed the noise at rest, gives a warning only, and nothing if it is not used.
     """
     if np.ptp(value) > 0 or not is_stuck(len(value)):
         return
     signal, quantity, unit = mapped.signal, mapped.channel.quantity, mapped.channel.unit
     text = f"stuck: all {len(value)} samples are {value[0]:.6g} {unit}"
     is_integer = not signal.is_float and signal.length > 1
-    is_at_end = is_integer and raw[0] in signal.span and raw[0] != 0
+    is_at_end = is_integer and raw[0] in signal.span and raw[0] != 0  # 0: a usual level at rest
     if is_at_end or is_fine(quantity, unit, mapped.step):
         yield "stuck", FAIL, text, "the sensor is dead, frozen or not started"
     elif quantity is not Quantity.UNUSED:
@@ -301,28 +297,29 @@ def _rest_faults(mapped: MappedChannel, rest: _Rest) -> Iterator[Fault]:
         yield "tare", WARN, f"{text} instead of 0", advice
 
 
-def _gravity(mapped: MappedChannel, rest: _Rest) -> Fault:
-    """Return the finding on unit, sign and tilt of a vertical accelerometer; OK if it reads 1 g."""
+def _gravity(mapped: MappedChannel, rest: _Rest) -> Fault | None:
+    """Return the fault in unit, sign or tilt of a vertical accelerometer; None if it reads +1 g."""
     channel = mapped.channel
     reading_g = (rest.level + channel.tare) / G_M_S2  # 1 for a sensor that is upright
     reading = f"reads {rest.level:.4g} m/s2 at rest"
     flip = f"set sign = {-channel.sign:.0f}"
+    and_flip = f" and {flip}" if reading_g < 0 else ""
     if abs(reading_g - 1) < _GRAVITY_TOLERANCE:
-        return "gravity", OK, "+1 g", ""
+        return None
     if abs(reading_g + 1) < _GRAVITY_TOLERANCE:
         return "gravity", FAIL, f"{reading}: upside down", flip
     # Factors by which a wrong unit in the database changes gravity, with the unit that they prove.
     units = {1 / G_M_S2: "g", G_M_S2: "m/s2", 1e3 * G_M_S2: "mm/s2"}
     for factor, unit in units.items():
         if abs(abs(reading_g) / factor - 1) < 0.08:  # a tilt of 20 degrees and an offset
-            and_flip = f" and {flip}" if reading_g < 0 else ""
             text = f"{reading}: {factor:.4g} times gravity, so its unit is wrong"
             return "gravity", FAIL, text, f'state signal_unit = "{unit}"{and_flip}'
     if abs(reading_g) < _NO_GRAVITY_G:
         text = "reads no gravity: it is AC-coupled, tared in the sensor, or not the vertical axis"
         return "gravity", WARN, text, "take the signal of the vertical axis, if it is another one"
     tilt = math.degrees(math.acos(min(abs(reading_g), 1.0)))
-    angle = f", tilted by {tilt:.0f} degrees" if tilt else ""
-    severity = FAIL if abs(abs(reading_g) - 1) > 0.3 else WARN  # 0.7 g is a tilt of 45 degrees
-    text, advice = f"{reading}{angle}, or its scale is wrong", "mount it upright, or correct gain"
-    return "gravity", severity, text, advice
+    angle = f"tilted by {tilt:.0f} degrees, or " if tilt else ""
+    severity = FAIL if abs(reading_g - 1) > 0.3 else WARN  # 0.7 g is a tilt of 45 degrees
+    side = "upside down, " if reading_g < 0 else ""
+    text = f"{reading}: {side}{angle}its scale is wrong"
+    return "gravity", severity, text, f"mount it upright, or correct gain{and_flip}"

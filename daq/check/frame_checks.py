@@ -82,6 +82,7 @@ class FrameTable:
     unknown: tuple[Arrivals, ...]
     """Identifiers that are not in the DBC, the most frequent first."""
     data: FrameBatch
+    """All frames but error and remote ones, in order of arrival."""
     end_ns: int
     """Time of the last frame of any kind, ns."""
     seconds: float
@@ -151,8 +152,7 @@ def check_buses(table: FrameTable, error_frames: int, buses: Sequence[BusConfig]
         advice = "check termination (60 ohm between the wires), bit rate and plugs"
         text = counted(error_frames, "error frame")
         lines.append(Finding("error_frames", WARN, text, "bus", advice))
-    if table.unknown:
-        unknown = table.unknown
+    if unknown := table.unknown:
         shown = ", ".join(f"{each} ({each.rate_hz:.0f} Hz)" for each in unknown[:6])
         more = f" and {len(unknown) - 6} more" if len(unknown) > 6 else ""
         are = counted(len(unknown), "identifier is", "identifiers are")
@@ -169,7 +169,7 @@ def check_buses(table: FrameTable, error_frames: int, buses: Sequence[BusConfig]
 def check_messages(
     mapped: Sequence[MappedChannel], keeping: Timekeeping, table: FrameTable, decoded: Decoded
 ) -> list[Finding]:
-    """Return lines on every message that carries a channel or binds a sample set."""
+    """Return lines on every message that carries a channel or numbers the samples of a set."""
     carriers = {sample_set.carrier[0] for sample_set in keeping.sets}
     used = {m.message.name for m in mapped if m.channel.quantity is not Quantity.UNUSED} | carriers
     messages = tuple(keeping.messages.values())
@@ -209,10 +209,10 @@ def check_messages(
 def _rate_faults(
     message: MessageLayout, arrivals: Arrivals, rate_hz: float, table: FrameTable, has_time: bool
 ) -> Iterator[Fault]:
-    """Yield the faults of silence and rate, of the latter only with a cycle time.
+    """Yield the faults of silence, of the rate against the cycle time, and of a missing cycle time.
 
     `rate_hz`: with the frames that the counter shows as missing.  `has_time`: its frames state
-    their time, so that it needs no cycle time.
+    their time, so that its counter needs no cycle time.
     """
     silent_s = (table.end_ns - int(arrivals.frames.t_ns[-1])) * 1e-9
     # Ten cycles, or 0.5 s, are longer than any jitter.
@@ -295,7 +295,7 @@ def _counter_faults(
         advice = "frames are lost on the way, or the counter counts something else"
         yield "counter", severity, text, advice
     if counter.restarts:
-        text = f"{name} started again {counter.restarts} times"
+        text = f"{name} started again {counted(counter.restarts, 'time')}"
         yield "counter", FAIL, text, "the sensor restarts: check its power"
 
 

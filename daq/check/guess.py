@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -44,11 +44,9 @@ _AXES = {
     "y": {"y", "ay", "accy", "lat", "lateral", "pitch", "nick", "wy", "gyry"},
     "z": words("z az accz vert vertical up down upwards heave yaw wz gyrz"),
 }
-_SUSPENSION = words(
-    "travel stroke susp suspension damper shock pot potentiometer string lvdt federweg"
-)
-_TRAVEL = _SUSPENSION | words(
-    "weg hub pos position height ride level deflection compression displacement laser"
+_TRAVEL = words(
+    """travel stroke susp suspension damper shock pot potentiometer string lvdt federweg weg hub pos
+    position height ride level deflection compression displacement laser"""
 )
 _NO_TRAVEL = words(
     """radar lidar distance dist range object obj target lead gap obstacle parking park ultrasonic
@@ -88,6 +86,7 @@ class Guess:
     quantity: Quantity
     why: str
     corner: Corner | None = None
+    """None on the body, and where it is not known."""
     sign: int = 1
     """-1 if gravity shows that the sensor is upside down, or pushes that it is turned."""
     ask: str = ""
@@ -99,8 +98,6 @@ class Guess:
     tare: float | None = None
     """Travel at rest, SI, with the sign; None if it was not measured."""
 
-
-# From names, units and physics to guesses ---------------------------------------------------------
 
 FEWEST = 20
 """Fewest samples from which a conclusion is drawn."""
@@ -118,7 +115,8 @@ class Candidate:
     si_unit: str
     """SI unit of the measured quantity."""
     unit: str
-    """Unit that the database states."""
+    factor: float
+    """`unit`, `factor`: unit that the database states, and its size in `si_unit`."""
     corner: Corner | None
     """Wheel that a name states."""
     corner_source: str
@@ -181,16 +179,18 @@ def candidate(full: str, signal: SignalLayout, values: NDArray[np.float64]) -> C
     if len(values) >= FEWEST:
         level = float(np.median(values)) * si.factor
     corner, source = corner_by_name(signal.name, message_of(full)) or (None, "")
-    return Candidate(full, si.unit, signal.unit, corner, source, span, level)
+    return Candidate(full, si.unit, signal.unit, si.factor, corner, source, span, level)
 
 
-def guess_channels(candidates: Iterable[Candidate], pushes: Pushes | None) -> dict[str, Guess]:
-    """Return a guess for each signal, by full name, without signals that the method cannot use."""
+def guess_channels(candidates: Sequence[Candidate], pushes: Pushes | None) -> dict[str, Guess]:
+    """Return guesses by full name of the signal; none for a length that is no suspension travel.
+
+    Guesses from names give way to those from gravity, and both to those from `pushes`.
+    """
     devices: dict[tuple[str, Corner | None], list[Candidate]] = defaultdict(list)
     for s in candidates:
         devices[s.sensor, s.corner].append(s)
-    by_device = [s for device in devices.values() for s in device]
-    with_gyroscope = {s.sensor for s in by_device if s.si_unit in ("rad/s", "rad/s2")}
+    with_gyroscope = {s.sensor for s in candidates if s.si_unit in ("rad/s", "rad/s2")}
     guesses: dict[str, Guess] = {}
     for (sensor, _), device in devices.items():
         guesses |= {s.full: guess for s in device if (guess := _by_name(s)) is not None}
@@ -202,7 +202,7 @@ def guess_channels(candidates: Iterable[Candidate], pushes: Pushes | None) -> di
             is_body = guess is not None and guess.quantity is Quantity.BODY_ACCELERATION
             if guess is not None and is_body and may_be_hub and not guess.ask:
                 guesses[s.full] = replace(guess, ask=_WHICH_HUB, of_device=False)
-    lengths = [s for s in by_device if s.si_unit == "m" and s.full in guesses]
+    lengths = [s for s in candidates if s.si_unit == "m" and s.full in guesses]
     return guesses | _travels(lengths, guesses, pushes)
 
 
@@ -271,7 +271,7 @@ def _guess_rotation(s: Candidate) -> Guess:
 
 
 def _guess_length(s: Candidate) -> Guess | None:
-    """Return a guess for a length that may be a travel; None for one of a radar or the road."""
+    """Return a guess for a length; None if it is large, or its name is not one of a travel."""
     # Twice the reading at rest, because a span has both ends: -1 m to 1 m.
     span_m = s.span if s.level is None else 2.0 * abs(s.level)
     if words(s.full) & _NO_TRAVEL or (span_m or 0.0) > 2 * _FARTHEST_M:

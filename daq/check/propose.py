@@ -24,6 +24,7 @@ from dbc.words import counted, plural, printable
 from ..bench.config import BusConfig
 from ..bench.sensors import PREFIX, Databases, Sensor, database_codec, sensor_map, sensors_codec
 from ..channels import AT_CORNER, ON_BODY, Quantity, sensor_of, signal_of
+from ..samples.mapping import Trace
 from .frame_checks import RATE_FAIL, Arrivals, fitting_rules, frame_table
 from .guess import FEWEST, Guess, candidate, guess_channels, plain_name, words
 from .pushes import find_pushes
@@ -52,7 +53,7 @@ def propose_sensors(
     `databases`: at least one, with the names that bench.toml will use.  `buses`: in the order of
     their numbers in the frames; empty: marked to be filled in.  `frames`: some seconds of the car
     at rest, in order of arrival; if None, only names are used.  `pushes`: a push on each corner,
-    with rest before each, in the order of `pushes.ORDER`.
+    with rest before each, in the order of `daq.check.pushes.ORDER`.
 
     Raises InputError if a database cannot be used, or two sensors of a bus share an identifier.
     """
@@ -73,14 +74,14 @@ def propose_sensors(
         missing += [m.name for m in messages if m.name not in received]
         messages = [m for m in messages if m.name in received]
     signals = [(f"{m.name}.{s.name}", s) for m in messages for s in m.signals]
-    measured = (candidate(full, signal, _usable(decoded, full)) for full, signal in signals)
+    measured = (candidate(full, signal, _usable(decoded, full)[1]) for full, signal in signals)
     candidates = [each for each in measured if each is not None]
     questions: list[str] = []
     found_pushes = None
     if pushes is not None and len(pushes):
-        traces = {name: (s.t_ns, s.value) for name, s in codec.decode(pushes).samples.items()}
-        movable = [each.full for each in candidates if each.shows_push]
-        found_pushes, number = find_pushes(traces, movable)
+        pushed, movable = codec.decode(pushes), [each for each in candidates if each.shows_push]
+        traces = {each.full: _usable(pushed, each.full, each.factor) for each in movable}
+        found_pushes, number = find_pushes(traces)
         if found_pushes is None:
             were = counted(number, "push was", "pushes were")
             questions.append(f"{were} found instead of one on each of four corners: repeat them")
@@ -110,12 +111,13 @@ def propose_sensors(
     return Proposal("\n".join(lines) + "\n", tuple(dict.fromkeys(questions)))
 
 
-def _usable(decoded: Decoded, full: str) -> NDArray[np.float64]:
-    """Return the usable, finite samples of a signal, (n,); none without traffic."""
+def _usable(decoded: Decoded, full: str, factor: float = 1.0) -> Trace:
+    """Return times and values, times a factor, of a signal's usable, finite samples; or none."""
     samples = decoded.samples.get(full)
     if samples is None:
-        return np.zeros(0)
-    return samples.value[samples.usable & np.isfinite(samples.value)]
+        return np.zeros(0, np.int64), np.zeros(0)
+    good = samples.usable & np.isfinite(samples.value)
+    return samples.t_ns[good], samples.value[good] * factor
 
 
 # The sensors on each bus --------------------------------------------------------------------------
@@ -341,7 +343,7 @@ def _channel_table(name: str, full: str, guess: Guess) -> list[str]:
 def message_rule(
     message: MessageLayout, arrivals: Arrivals, decoded: Decoded, *, is_used: bool
 ) -> list[str]:
-    """Return a `[[message]]` table if the DBC is incomplete, or states a wrong cycle.
+    """Return the lines of a `[[message]]` table; none if the DBC is complete, its cycle right.
 
     `arrivals` and `decoded`: its frames and all samples.  `is_used`: True if the message has a
     channel; only then its cycle is checked.
@@ -357,7 +359,7 @@ def message_rule(
     checksum: list[str] = []
     for signal in message.signals:  # the first of each kind
         if signal.is_plain:
-            value = _usable(decoded, f"{message.name}.{signal.name}")
+            _, value = _usable(decoded, f"{message.name}.{signal.name}")
             counter = counter or _counter_lines(signal, value)
             checksum = checksum or _checksum_lines(signal, arrivals, message.length)
     lines += [] if message.counter else counter

@@ -42,7 +42,7 @@ class PushResult:
     done: bool
     """True once the push is over."""
     passed: bool
-    """True if every channel that moved did so in the right direction."""
+    """True if no channel moved in a direction that is wrong."""
     text: str
     """The observation, in words."""
     advice: str = ""
@@ -90,7 +90,7 @@ def judge_push(
     wait_for_rest = PushResult(corner, False, False, "moving: let it come to rest")
     if not deviations:
         return ask_for_push
-    is_moving = np.any([np.abs(size) >= least for size, least in deviations.values()], axis=0)
+    is_moving = np.any([np.abs(each) >= least for each, least in deviations.values()], axis=0)
     n_bins, settling_bins = len(is_moving), round(_SETTLED_S / bin_s)
     # Begin after a motion that was there before: its first direction is not seen.
     for moving_bin in np.flatnonzero(is_moving).tolist():
@@ -152,15 +152,18 @@ def _judged(corner: Corner, moves: Sequence[_Move], channels: Sequence[Channel])
         text += f"{name} and {other.name} are swapped"
         advice = f"press R and push the {spoken(corner)}; if it repeats, swap their plugs"
         return PushResult(corner, True, False, text, advice)
-    wrong = [m.channel.name for m in moves if _expected(corner, m.channel) == -m.first_sign]
+    certain = [m for m in moves if _expected(corner, m.channel) is not None]
+    wrong = [m.channel.name for m in certain if _expected(corner, m.channel) != m.first_sign]
     if wrong:
         text = f"{', '.join(wrong)} moved the wrong way"
         advice = f"I inverts the sign of {wrong[0]}"
         return PushResult(corner, True, False, text, advice, tuple(wrong))
-    move = largest or moves[0]
+    # The travel at this corner, if there is one; those at other corners may go either way.
+    move = max(certain or moves, key=lambda m: m.channel.corner is corner)
     deviation, unit = move.first_sign * move.peak, move.channel.unit
     motion = f"{deviation * 1e3:+.0f} mm" if unit == "m" else f"{deviation:+.2g} {unit}"
-    return PushResult(corner, True, True, f"{move.channel.name} moved {motion}, sign right")
+    judged = ", sign right" if certain else ""
+    return PushResult(corner, True, True, f"{move.channel.name} moved {motion}{judged}")
 
 
 def _expected(corner: Corner, channel: Channel) -> int | None:
@@ -217,11 +220,11 @@ def axis_of(direction: Vector) -> tuple[str, int]:
 def mounting(
     gravity_g: Mapping[str, float], angles: Mapping[Corner, Mapping[str, float]]
 ) -> Mounting | None:
-    """Return how a sensor is mounted; None if no axis is vertical.
+    """Return how a sensor is mounted; None if no axis is vertical, or it does not read 1 g.
 
     `gravity_g`: reading of each of the three axes at rest, in g.  `angles`: the angle by which the
     body turned about each axis in a push on each corner, any unit.  If they do not show the forward
-    direction, or there are none, x is assumed to be forward, or z if x is vertical.
+    direction, or there are none, x is assumed to be forward, or z or -z if x is vertical.
     """
     reading_g = np.array([gravity_g[axis] for axis in AXES])
     size_g = float(np.linalg.norm(reading_g))
@@ -264,9 +267,9 @@ def pushed_corner(
 ) -> tuple[Corner, int] | None:
     """Return the corner and the sign of a travel sensor; None if they are not clear.
 
-    `peaks`: its largest deviation in the push on each corner, any unit.  `others`: those of all
-    other travels.  The push on its corner must move it twice as much as any other push, and no
-    other travel more.
+    `peaks`: its largest deviation from rest in the push on each corner, signed, m.  `others`: those
+    of all other travels.  The push on its corner must move it twice as much as any other push, and
+    no other travel more.
     """
     best, second = sorted(peaks, key=lambda corner: -abs(peaks[corner]))[:2]
     size = abs(peaks[best])
@@ -294,7 +297,7 @@ class Pushes:
     spans: Mapping[Corner, tuple[int, int]]
     """Start and end of each push, ns."""
     traces: Mapping[str, Trace]
-    """Decoded samples, by full name of the signal."""
+    """Samples of the signals that a push moves, by full name."""
 
     def peaks(self, name: str) -> dict[Corner, float]:
         """Return the largest deviation of a signal from rest in each push, signed."""
@@ -320,19 +323,19 @@ def _largest(value: NDArray[np.float64]) -> float:
     return float(value[np.argmax(np.abs(value))]) if len(value) else 0.0
 
 
-def find_pushes(traces: Mapping[str, Trace], moved: Sequence[str]) -> tuple[Pushes | None, int]:
+def find_pushes(traces: Mapping[str, Trace]) -> tuple[Pushes | None, int]:
     """Return the pushes in a recording, and how many it has; None unless there are four.
 
-    `traces`: decoded samples, in order of time.  `moved`: the signals that a push by hand moves.
-    The recording is cut into bins of equal width; a bin moves if any of these signals does in it.
+    `traces`: of the signals that a push by hand moves, by full name, finite, in order of time.  The
+    recording is cut into bins of equal width; a bin moves if any of these signals does in it.
     """
-    usable = [traces[name] for name in moved if name in traces and len(traces[name][0]) > 1]
-    if not usable:
+    traces = {name: trace for name, trace in traces.items() if len(trace[0]) > 1}
+    if not traces:
         return None, 0
-    start_ns = min(int(t_ns[0]) for t_ns, _ in usable)
-    end_ns = max(int(t_ns[-1]) for t_ns, _ in usable)
+    start_ns = min(int(t_ns[0]) for t_ns, _ in traces.values())
+    end_ns = max(int(t_ns[-1]) for t_ns, _ in traces.values())
     is_moving = np.zeros(int((end_ns - start_ns) * 1e-9 / _BIN_S) + 1, bool)
-    for t_ns, value in usable:
+    for t_ns, value in traces.values():
         moving_ns = _moving_ns(t_ns, value, start_ns + round(_REST_S * 1e9))
         is_moving[((moving_ns - start_ns) * 1e-9 / _BIN_S).astype(int)] = True
     moving_bins = np.flatnonzero(is_moving)
@@ -354,7 +357,7 @@ def _moving_ns(
 ) -> NDArray[np.int64]:
     """Return the times, ns, at which a signal is clearly away from its rest at the beginning.
 
-    None if too few samples show the rest, or nothing is clearly away.
+    Empty if too few samples show the rest, or nothing is clearly away.
     """
     rest = value[t_ns < rest_end_ns]
     if len(rest) < 3:  # no level and noise can be taken

@@ -68,7 +68,7 @@ def opposed_signs(runs: Sequence[Run], channels: Sequence[Channel]) -> tuple[Fin
     with the travels, in the runs that show that motion.  A channel without a channel for
     comparison, or without such a run, is not judged.
     """
-    spectra = [spectra for run in runs for spectra in _spectra(run)]
+    spectra = [spectra for run in runs if (spectra := _spectra(run)) is not None]
     travels = {c.corner: c.name for c in channels if c.quantity is Quantity.SUSPENSION_TRAVEL}
     hubs = {c.corner: c.name for c in channels if c.quantity is Quantity.HUB_ACCELERATION}
     opposed_travels = []
@@ -114,11 +114,8 @@ def _finding(names: Sequence[str], against: str) -> tuple[Finding, ...]:
     return (Finding("opposed_sign", Severity.ERROR, text, subject, advice),)
 
 
-def _spectra(run: Run) -> list[_Spectra]:
-    """Return the spectra of the channels of a run, in a list of one.
-
-    The list is empty if the channels have no second in common.
-    """
+def _spectra(run: Run) -> _Spectra | None:
+    """Return the spectra of the channels of a run; None if they have no second in common."""
     sampled = [
         (group, name)
         for group in run.groups
@@ -129,7 +126,7 @@ def _spectra(run: Run) -> list[_Spectra]:
     end_s = min((float(group.time_s[-1]) for group, _ in sampled), default=0.0)
     n = int((end_s - start_s) * _RATE_HZ)
     if n < _RATE_HZ:  # less than a second
-        return []
+        return None
     time_s = start_s + np.arange(n) / _RATE_HZ
     spectra = {}
     for group, name in sampled:
@@ -139,7 +136,7 @@ def _spectra(run: Run) -> list[_Spectra]:
         # Twice the length, padded with zeros: a lag then brings in no values of the other end.
         spectra[name] = np.asarray(np.fft.rfft(on_grid - on_grid.mean(), 2 * n), np.complex128)
     hz = np.asarray(np.fft.rfftfreq(2 * n, 1 / _RATE_HZ), np.float64)
-    return [_Spectra(hz, spectra)]
+    return _Spectra(hz, spectra)
 
 
 def _is_opposed(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable, Container
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 
@@ -298,6 +299,9 @@ def test_a_hundredth_of_a_sample_set_and_two_more_may_lack_a_frame(
     assert line.figures["rate_hz"] == pytest.approx(100.0, rel=1e-3)
     if verdict is not Severity.NOTE:
         assert line.text == f"{lost} of 500 samples lack a frame"
+    absurd = replace(bench, channels=tuple(replace(c, gain=1e9) for c in bench.channels))
+    report = check_bench(absurd, bench_codec(bench), frame_batch(rows), TODAY)
+    assert line in report.lines  # values that cannot be used are no missing frames
 
 
 # A bench that is a list of sensors ----------------------------------------------------------------

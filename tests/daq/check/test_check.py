@@ -30,8 +30,6 @@ from ..small_campaign import frames_at
 
 TODAY = date(2026, 6, 1)
 REST_S = 3.0
-
-
 BENCH = load_bench(None)
 CODEC = bench_codec(BENCH)
 
@@ -110,10 +108,8 @@ def test_error_frames_and_foreign_traffic_are_warnings() -> None:
     extra = frames_at(START_NS + np.arange(20) * 10_000_000, can_id=0x7FF, flags=flags)
     frames = FrameBatch.concatenate([_rest(), extra])
     report = _check(frames.by_time())
-    assert [line.text.split(":")[0] for line in _bad(report)] == [
-        "10 error frames",
-        "1 identifier is not in the DBC",
-    ]
+    texts = [line.text.split(":")[0] for line in _bad(report)]
+    assert texts == ["10 error frames", "1 identifier is not in the DBC"]
     assert report.verdict is Severity.WARNING
 
 
@@ -149,15 +145,10 @@ def with_values(
     session: Session, value: Callable[[Run, SampleGroup, str], NDArray[np.float64]]
 ) -> Session:
     """Return the session with other samples of each channel."""
-    runs = [
-        replace(
-            run,
-            groups=tuple(
-                replace(g, values={k: value(run, g, k) for k in g.values}) for g in run.groups
-            ),
-        )
-        for run in session.runs
-    ]
+    runs = []
+    for run in session.runs:
+        groups = (replace(g, values={k: value(run, g, k) for k in g.values}) for g in run.groups)
+        runs.append(replace(run, groups=tuple(groups)))
     return replace(session, runs=tuple(runs))
 
 

@@ -119,6 +119,22 @@ def test_hostile_names_stay_inside_their_quotes() -> None:
     assert tomllib.loads(proposal)["bus"]["channel"] == "can0"
 
 
+def test_pushes_show_travels_in_other_units_and_beside_values_that_are_none() -> None:
+    database, rows = 'VERSION ""\n\nBU_: A\n\n', []
+    for n, (unit, size, heights) in enumerate(
+        (("mm", 1.0, [9.0, 3.0, 3.0, 3.0]), ("m", 1e-3, [3.0, 3.0, 3.0, 9.0])), start=16
+    ):
+        database += f'BO_ {n} M{n}: 4 A\n SG_ Travel : 0|32@1- (1,0) [0|0] "{unit}" A\n\n'
+        t_ns, value = trace(heights)
+        value[700] = np.nan
+        times_s = ((t_ns - t_ns[0]) * 1e-9).tolist()
+        rows += [(s, n, struct.pack("<f", size * v)) for s, v in zip(times_s, value, strict=True)]
+    databases = {"car.dbc": database + "".join(f"SIG_VALTYPE_ {n} Travel : 1;\n" for n in (16, 17))}
+    text = propose_sensors(databases, (), None, frame_batch(rows)).text
+    bench = parse_bench(text, "proposed", Path(), databases["car.dbc"])
+    assert [c.corner for c in bench.channels] == [Corner.FRONT_LEFT, Corner.REAR_RIGHT]
+
+
 # Rules of messages --------------------------------------------------------------------------------
 
 
@@ -403,8 +419,6 @@ def test_a_travel_is_where_a_push_moves_it_most(
     heights: list[float], corner: Corner, sign: int, ask: str
 ) -> None:
     found = device({"Pot.pot_fl": trace(heights)})["Pot.pot_fl"]
-    assert (found.quantity, found.corner, found.sign) == (
-        Quantity.SUSPENSION_TRAVEL, corner, sign,
-    )  # fmt: skip
+    assert (found.quantity, found.corner, found.sign) == (Quantity.SUSPENSION_TRAVEL, corner, sign)
     assert (found.ask, found.is_proven) == (ask, True)
     assert found.tare == pytest.approx(sign * 0.012)

@@ -15,11 +15,7 @@ from daq.check.propose import Proposal, propose_sensors
 from daq.vehicle import Corner
 from dbc import FrameBatch, Severity
 
-from ..wild_bench import (
-    DATABASES,
-    rest_and_pushes,
-    wild_bench,
-)
+from ..wild_bench import DATABASES, rest_and_pushes, wild_bench
 
 FL, FR, RL, RR = Corner.FRONT_LEFT, Corner.FRONT_RIGHT, Corner.REAR_LEFT, Corner.REAR_RIGHT
 

@@ -143,11 +143,7 @@ def judged(
 
 @pytest.mark.parametrize(
     ("quantity", "least"),
-    [
-        (Quantity.SUSPENSION_TRAVEL, 3e-3),
-        (Quantity.PITCH_RATE, 0.01),
-        (Quantity.ROLL_RATE, 0.01),
-    ],
+    [(Quantity.SUSPENSION_TRAVEL, 3e-3), (Quantity.PITCH_RATE, 0.01), (Quantity.ROLL_RATE, 0.01)],
 )
 def test_a_push_moves_each_kind_of_channel_by_so_much(quantity: Quantity, least: float) -> None:
     for share, done in ((0.99, False), (1.01, True)):
@@ -208,6 +204,13 @@ def test_a_body_that_rests_elsewhere_after_a_push_can_be_pushed_again() -> None:
     stuck[152:] = 0.006
     stuck[300:302] = [0.03, 0.0]
     assert judged(FL, {travel: stuck}, 250).passed
+
+
+def test_a_travel_at_another_corner_does_not_show_its_sign() -> None:
+    travel = {channel(Quantity.SUSPENSION_TRAVEL, unit="m"): lane([-0.004, 0.002])}
+    rate = {channel(Quantity.PITCH_RATE, "w", unit="rad/s"): lane([-0.05, 0.02])}
+    assert judged(RR, travel).text == "c moved -4 mm"
+    assert judged(RR, travel | rate).text == "w moved -0.05 rad/s, sign right"
 
 
 # How sensors are mounted, from gravity and from pushes --------------------------------------------
@@ -305,12 +308,8 @@ def trace(
     return START_NS + np.rint(time_s * 1e9).astype(np.int64) + 1_000_000, 5.0 + value
 
 
-def found_pushes(traces: Mapping[str, Trace]) -> tuple[Pushes | None, int]:
-    return find_pushes(traces, list(traces))
-
-
 def pushes(*traces: Trace) -> Pushes:
-    found, number = found_pushes({str(k): each for k, each in enumerate(traces)})
+    found, number = find_pushes({str(k): each for k, each in enumerate(traces)})
     assert found is not None
     assert number == 4
     return found
@@ -334,12 +333,12 @@ def test_four_pushes_are_one_on_each_corner_with_a_quarter_second_around() -> No
 def test_a_push_lasts_long_enough_and_rest_parts_two(
     length_s: float, apart_s: float, number: int
 ) -> None:
-    assert found_pushes({"a": trace([1.0] * 4, length_s, apart_s)})[1] == number
+    assert find_pushes({"a": trace([1.0] * 4, length_s, apart_s)})[1] == number
 
 
 @pytest.mark.parametrize(("small", "number"), [(0.19, 3), (0.21, 4)])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_push_reaches_a_fifth_of_the_largest(small: float, number: int, sign: float) -> None:
-    found, seen = found_pushes({"a": trace([1.0, sign * small, -1.0, 0.5])})
+    found, seen = find_pushes({"a": trace([1.0, sign * small, -1.0, 0.5])})
     assert seen == number
     assert (found is None) is (number != 4)

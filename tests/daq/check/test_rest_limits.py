@@ -274,13 +274,13 @@ def test_a_calibration_is_valid_from_its_day_on_for_a_year(day: str, text: str) 
         (0.941, OK, "+1 g"),
         (-1.059, FAIL, "upside down"),
         (-0.941, FAIL, "upside down"),
-        (1.061, WARN, "m/s2 at rest, or its scale"),  # no tilt makes it read more
+        (1.061, WARN, "m/s2 at rest: its scale is wrong"),  # no tilt makes it read more
         (0.939, WARN, "tilted by 20 degrees"),
-        (-0.939, WARN, "tilted by 20 degrees"),
+        (-0.939, FAIL, "upside down, tilted by 20 degrees, or its scale is wrong"),
         (0.701, WARN, "tilted by 45 degrees"),
         (0.699, FAIL, "tilted by 46 degrees"),
-        (1.299, WARN, "or its scale"),
-        (1.301, FAIL, "or its scale"),
+        (1.299, WARN, "its scale"),
+        (1.301, FAIL, "its scale"),
         (0.061, FAIL, "tilted by 87 degrees"),
         (0.059, WARN, "no gravity"),
         (0.0, WARN, "no gravity"),
@@ -294,6 +294,7 @@ def test_an_accelerometer_that_points_up_reads_gravity(
     assert line.severity is verdict
     assert says in line.text
     assert ("tilted" in line.text) is ("tilted" in says)
+    assert ("set sign = -1" in line.advice) is ("upside" in says)
 
 
 @pytest.mark.parametrize(
