@@ -23,7 +23,7 @@ def session_row(session: Session) -> dict[str, Cell]:
 
 
 def result_row(session: Session, result: Identification) -> dict[str, Cell]:
-    """Flatten an identification into a row.
+    """Return an identification as a row.
 
     The columns: `session` (its uuid), `vehicle`, `created` (when it was recorded), `origin`
     (`real`, `simulated`, `replayed`, or `not stated` of arrays), `runs_accepted`, `verdict`,

@@ -56,9 +56,9 @@ def likelihood_of(
 
     The common unknowns are the parameters and, for a car that is not linear, the named `elements`.
 
-    `point`: common unknowns, (p,), and the others, (q,), about which it is a quadratic.  It is
-    about the session's own optimum without them, for a nonlinear fit, and for one stored without
-    its decays.
+    `point`: common unknowns, (p,), and the others, (q,), about which it is a quadratic.  Without
+    `point`, for a nonlinear fit, and for one stored without its decays it is about the session's
+    own optimum.
     """
     fit, p = estimation.fit, len(estimation.box.parameters)
     if estimation.nonlinear is not None:
@@ -107,18 +107,18 @@ class Differences:
     common: Floats
     """Common unknowns with no difference, (q,)."""
     follow: Floats
-    """Fall of the best common unknowns per unit of each difference, (q, n)."""
+    """How far the best common unknowns fall per unit of each difference, (q, n)."""
     determined: NDArray[np.bool_]
     """True for the differences that the sessions determine, (n,)."""
 
     def gain(self, candidates: Sequence[int]) -> float:
-        """Return the fall of the squared residuals by the differences of some candidates."""
+        """Return the fall of squared residuals by the determined differences of some candidates."""
         indices = [place for i in candidates for place in self.places[i] if self.determined[place]]
         target = self.target[indices]
         return float(target @ pseudo_inverse(self.information[np.ix_(indices, indices)]) @ target)
 
     def best(self, candidates: Sequence[int]) -> tuple[Floats, list[Floats], list[Floats]]:
-        """Return the common unknowns, and each candidate's differences with their deviations."""
+        """Return the common unknowns, and differences and stds of determined candidates."""
         indices = [place for i in candidates for place in self.places[i]]
         covariance = pseudo_inverse(self.information[np.ix_(indices, indices)])
         steps, stds = covariance @ self.target[indices], np.sqrt(np.diag(covariance))
@@ -219,7 +219,7 @@ class Change:
     rest_p: float = 1.0
     """`rest_chi2`, `rest_freedom`, `rest_p`: test that nothing differs except what is named."""
     apart: tuple[str, ...] = ()
-    """Elements that some sessions need and others do not."""
+    """Elements that some sessions need and others did not even try."""
 
     @property
     def sentence(self) -> str:
@@ -246,7 +246,7 @@ class Change:
 def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) -> Change:
     """Return what differs between two or more sessions, in their order.
 
-    `apart`: elements that some sessions need and others do not.
+    `apart`: as in `Change`.
     """
     estimations = with_common_structure(estimations)
     names = estimations[0].box.parameters
@@ -287,12 +287,13 @@ def change_of(estimations: Sequence[Estimation], apart: tuple[str, ...] = ()) ->
 def choose(diffs: Differences, candidates: Sequence[Candidate], n_values: int) -> tuple[int, ...]:
     """Return the candidates, by their indices, whose gain most exceeds its price; often none.
 
-    All sets of up to three parameters are tried, of up to two over more than two sessions.
+    All sets of up to three determined parameters are tried, of two over more than two sessions.
+    `n_values`: number of measured values of all sessions.
     """
     usable = [i for i, places in enumerate(diffs.places) if np.all(diffs.determined[places])]
 
     def price(candidate: int, level: float) -> float:
-        """Return the gain that chance, or a needless unknown of the criterion by Bayes, gives."""
+        """Return the gain to exceed: that of chance at `level`, or by Schwarz's criterion (BIC)."""
         size = len(diffs.places[candidate])
         return max(exceeded_by_chance(size, level / len(usable)), size * log(max(n_values, 1)))
 

@@ -78,7 +78,7 @@ class Compared:
     estimates: tuple[Estimate, ...]
     """One for each session."""
     differences: tuple[Difference, ...]
-    """One for each session but the first."""
+    """From the first session, one for each further one."""
     trend: Trend | None
     """None for two sessions."""
 
@@ -121,7 +121,7 @@ class Comparison:
 
 
 def compare(labels: Sequence[str], results: Sequence[Identification]) -> Comparison:
-    """Compare sessions with the first of them.
+    """Return the comparison of sessions with the first of them.
 
     The errors of two sessions are taken as independent.  Facts and weights that both state alike
     have errors in common, which move both results the same way: then the standard deviation of a
@@ -166,7 +166,7 @@ def compare(labels: Sequence[str], results: Sequence[Identification]) -> Compari
 
 
 def _apart(results: Sequence[Identification]) -> tuple[str, ...]:
-    """Name the elements that one session needs and another does not."""
+    """Return the elements, in words, that one session needs and another did not even try."""
     tried = [{c.name: c for c in r.forces.choices} if r.forces else {} for r in results]
     needed = dict.fromkeys(c.name for choices in tried for c in choices.values() if c.kept)
     return tuple(
@@ -177,7 +177,7 @@ def _apart(results: Sequence[Identification]) -> tuple[str, ...]:
 
 
 def _modes(result: Identification) -> dict[str, Estimate]:
-    """Return frequencies and damping ratios of modes by mass state and name: ranks may swap."""
+    """Return frequencies and damping ratios by mass state and name of the mode: ranks may swap."""
     quantities: dict[str, Estimate] = {}
     for state, modes in result.modes.items():
         for name, mode in zip(result.mode_names[state], modes, strict=True):
@@ -187,7 +187,7 @@ def _modes(result: Identification) -> dict[str, Estimate]:
 
 
 def _in_all(sessions: Sequence[Mapping[str, Estimate]]) -> dict[str, tuple[Estimate, ...]]:
-    """Return the quantities that every session identified, with the estimates of all sessions."""
+    """Return the quantities that every session identified and determined, with all estimates."""
     known = [{n: e for n, e in s.items() if e.std > 0.0 and e.determined} for s in sessions]
     in_all = [name for name in known[0] if all(name in of_session for of_session in known)]
     return {name: tuple(of_session[name] for of_session in known) for name in in_all}
@@ -247,7 +247,7 @@ def _holm(p: Sequence[float]) -> list[bool]:
 
 
 def _stated_alike(boxes: Sequence[GreyBox]) -> tuple[str, ...]:
-    """Name the facts and uncertain weights that all sessions state alike."""
+    """Return a text for each fact and uncertain weight that all sessions state alike."""
     stated: list[set[str]] = []
     for box in boxes:
         texts = {f"{f.quantity} = {f.value:g} ± {f.sigma:g}" for f in box.facts}
@@ -282,7 +282,7 @@ def stated_unlike(labels: Sequence[str], results: Sequence[Identification]) -> t
 
 
 def _identity(result: Identification) -> dict[str, str]:
-    """Return what a car has only one of: its name, lengths to a millimetre, places of sensors."""
+    """Return, by subject, what a car has only one of: name, lengths to 1 mm, places of sensors."""
     stated = {"vehicle": result.vehicle} if result.vehicle else {}
     if result.estimation is None:
         return stated

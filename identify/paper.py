@@ -178,16 +178,13 @@ def physical_matrices(A: Floats, A_added: Floats, delta_M: Floats) -> PhysicalMo
 
 
 def massless_motions(delta_M: Floats) -> tuple[str, ...]:
-    """Return the degrees of freedom in which an added mass, (7, 7), leaves some motion massless."""
+    """Return the degrees of freedom of the motions that an added mass, (7, 7), does not load."""
     size = np.sqrt(np.abs(np.diag(delta_M)))
     size = np.where(size > 0.0, size, 1.0)
     _, strength, directions = np.linalg.svd(delta_M / np.outer(size, size))
     massless = directions[strength < 1e-9] / size  # below 1e-9 is rounding, here and there
     is_part = np.max(np.abs(massless), axis=0, initial=0.0) > 1e-9
     return tuple(name for name, moves in zip(DOF, is_part, strict=True) if moves)
-
-
-# The closed form ----------------------------------------------------------------------------------
 
 
 def closed_form(
@@ -200,13 +197,13 @@ def closed_form(
 
     `sensed`: modes by mass state.  `mass_states`: those of the session, the baseline first.
     `geometry`: positions of sensors and weights from the CG, which the paper's chain needs.
-    `known`: the four lengths if they are measured; the fit then has 11 unknowns.  Raises InputError
-    that says why there is no answer.
+    `known`: the four lengths if they are measured; the other 11 parameters are then identified.
+    Raises InputError that says why there is no answer.
     """
     if len(mass_states) != 2:
         reason = f"the session has {counted(len(mass_states), 'mass state')}"
         raise InputError("closed form", reason, "record two, without and with weights")
-    shapes = []
+    modal = []
     for state in mass_states:
         where = f"mass state {state.name}"
         if state.name not in sensed:
@@ -218,10 +215,10 @@ def closed_form(
             reason = f"the State Variable Method sees {len(modes.model)} of {N_DOF} modes"
             advice = "the maximum-likelihood estimate does not need them one by one"
             raise InputError(where, reason, advice)
-        shapes.append(displacement_shapes(modes.model, modes.channels, geometry))
+        modal.append(displacement_shapes(modes.model, modes.channels, geometry))
     baseline_M, added_M = (delta_mass(state.added, geometry.a).real for state in mass_states)
     try:
-        return vehicle_of_modes(shapes[0], shapes[1], added_M - baseline_M, known)
+        return vehicle_of_modes(modal[0], modal[1], added_M - baseline_M, known)
     except np.linalg.LinAlgError as error:
         reason = "a matrix of the chain is singular"
         advice = "compare the modes with the likelihood's"

@@ -67,7 +67,7 @@ def modes(result: Identification, mass_state: str = "baseline") -> Figure:
 def stabilisation(diagram: StabilisationDiagram) -> Figure:
     """Draw the poles of the State Variable Method over its rank.
 
-    `diagram`: of `identify.stabilisation_diagram`.
+    `diagram`: of `identify.stabilisation_diagram`.  Lines mark its stable modes of highest rank.
     """
     frequency_hz = np.abs(diagram.poles) / (2.0 * np.pi)
     vibrating = diagram.poles.imag > 0.0
@@ -77,6 +77,7 @@ def stabilisation(diagram: StabilisationDiagram) -> Figure:
 
 
 def _fitted(result: Identification) -> Identification:
+    """Return a result that has a fit."""
     if not result.parameters:
         reason = "; ".join(result.quality.reasons) or "refused"
         raise InputError("plot", f"there is no fit: {reason}", "identify a complete session")

@@ -173,7 +173,7 @@ def with_channels(decay: FreeDecay, change: Callable[[Channel], Channel | None])
 # Finds the start of the free decay of a record, and the noise of its sensors at rest --------------
 
 GUARD_S = 0.01  # onset detection and the spread of the four wheels over the bump
-_REST_S = 0.08  # must be at rest; the paper's records have 0.1 s
+_REST_S = 0.08  # at the beginning, which must be at rest; the paper's records have 0.1 s
 _REST_SAMPLES = 3  # fewer do not give a spread
 _MOVING = 4.0
 """Scatter in units of the noise, above which a channel moves."""
@@ -186,8 +186,8 @@ _CACHED_RUNS = 256
 def onset_s(record: Record) -> float | None:
     """Return the first time at which a channel leaves its level at rest, s.
 
-    None if a channel moves in the first `_REST_S`, or none leaves its level.  `record`: a run with
-    its time stamps as measured.
+    None if a channel moves in the first `_REST_S`, none leaves its level, or no group has
+    `_REST_SAMPLES` samples by then.  `record`: a run with its time stamps as measured.
     """
     onsets_s = []
     for recording in record.recordings:
@@ -203,6 +203,7 @@ def onset_s(record: Record) -> float | None:
         if (spread > largest_still).any():
             return None
         away = np.abs(values - level)
+        # Six times the noise: no sample of a long rest is there by chance.
         onset_limit = np.maximum(6.0 * np.maximum(spread, noise), _ONSET_SHARE * away.max(axis=0))
         is_beyond = away > onset_limit
         has_moved = is_beyond[:-1] & is_beyond[1:]  # one sample alone is a glitch
@@ -228,7 +229,7 @@ def is_still(record: Record) -> bool:
 def decay_start_s(record: Record) -> float:
     """Return the start of the free decay by the stated bump, s; the record may end before it.
 
-    Where no bump is stated, it is at most half-way between the onset and the end.
+    Without a stated bump, at most half-way from onset to end; without an onset, the record's start.
     """
     onset = onset_s(record)
     if onset is None:

@@ -64,7 +64,7 @@ def usable_session(session: Session) -> Session:
 def usable(session: Session) -> Usable:
     """Return what can be used of a session.
 
-    Values that no motion shows are missing (`without_bad_values`).
+    Values that no motion shows become NaN (`without_bad_values`).
 
     A channel with one value in all runs is unused: the fit would take a dead sensor for a part that
     stands still.
@@ -208,21 +208,21 @@ def frozen(records: Sequence[Record]) -> tuple[ChannelHold, ...]:
     step of its converter.  So a held value counts only where the channel changes often enough at
     rest before the bump, or, if it is constant there too, in a repeat of the run.
     """
-    # Where a stuck channel hides the onset, the decay begins as in most other runs.
-    starts_s = [decay_start_s(record) for record in records if onset_s(record) is not None]
-    usual_start_s = float(np.median(starts_s)) if starts_s else -np.inf
+    # Where a channel hides the onset, rest ends and decay begins as in most other runs.
+    shown_s = [(s, decay_start_s(r)) for r in records if (s := onset_s(r)) is not None]
+    usual_s = np.median(shown_s, axis=0).tolist() if shown_s else [-np.inf, -np.inf]
     holds = []
     for record in records:
         rest_end_s, start_s = onset_s(record), decay_start_s(record)
         if rest_end_s is None:
-            rest_end_s = start_s = max(usual_start_s, record.start_s)
+            rest_end_s, start_s = (max(s, record.start_s) for s in usual_s)
         for recording in record.recordings:
             for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
                 longest = longest_hold(recording.time_s, column, rest_end_s, start_s)
                 holds.append(ChannelHold(channel.name, record.label, longest))
 
     def usual_rate(hold: ChannelHold) -> float:
-        """Return the share of samples at which the healthy channel changes; NaN: unknown."""
+        """Return the changes per sample of the channel when it is healthy; NaN if not known."""
         rate = hold.longest.rest_rate
         # Of one value in the whole run, or with too few samples at rest: as in the run's repeats.
         if hold.longest.length_s >= FROZEN_S and (hold.longest.constant or np.isnan(rate)):
@@ -242,7 +242,7 @@ _ROUNDING = 1e-12
 _MOST_SAMPLES = 3
 """Most samples of a spike."""
 _NEAR_S, _NEAR_SAMPLES = 0.05, 12
-"""Length of a side in time and in samples: the longer of the two."""
+"""Length of a side of a spike in time and in samples: the longer of the two is compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -328,8 +328,7 @@ def spikes(time_s: Real, values: Real) -> list[slice]:
     found_spikes = []
     for length in range(_MOST_SAMPLES, 0, -1):
         begins = steps[steps + length <= n]
-        # Of each place where one may begin: its samples, and those on both sides (`padded` is one
-        # ahead).
+        # At each place where one may begin: its samples, and both sides (`padded` is one ahead).
         inside = values[begins[:, None] + np.arange(length)]
         sides = padded[begins[:, None] + [0, length + 1]]
         above = inside.min(axis=1) - sides.max(axis=1)

@@ -98,9 +98,9 @@ class Plan:
     """
 
     vehicle: NDArray[np.float64]
-    """Expected parameters: those of the symmetric vehicle in the order of
-    `daq.vehicle.PARAMETER_NAMES`, or all of `identify.model.matrices.FULL_NAMES`; stored as the
-    latter."""
+    """Expected parameters: those of the symmetric vehicle, (15,), in the order of
+    `daq.vehicle.PARAMETER_NAMES`, or all of `identify.model.matrices.FULL_NAMES`, (28,); stored as
+    the latter."""
     sensors: tuple[Sensor, ...]
     """Sensors of every run."""
     mass_states: tuple[MassState, ...]
@@ -185,7 +185,7 @@ def _with_more_runs(plan: Plan) -> Iterator[Candidate]:
 
 
 def _with_higher_bump(plan: Plan) -> Iterator[Candidate]:
-    """Yield plans with the highest bump."""
+    """Yield the plan with the highest bump, unless its own is as high."""
     if plan.bump.height_m < HIGHEST_BUMP_M:
         now_mm, then_mm = plan.bump.height_m * 1e3, HIGHEST_BUMP_M * 1e3
         action = f"a bump of {then_mm:.3g} mm instead of {now_mm:.3g} mm"
@@ -193,19 +193,18 @@ def _with_higher_bump(plan: Plan) -> Iterator[Candidate]:
 
 
 def _with_faster_samples(plan: Plan) -> Iterator[Candidate]:
-    """Yield plans with twice the rate of slow sensors."""
+    """Yield the plan with twice the rate of slow sensors, up to `_HIGHEST_RATE_HZ`, if any is."""
     slow = [s for s in plan.sensors if s.rate_hz < _HIGHEST_RATE_HZ]
     if slow:
         rates = [max(s.rate_hz, min(2.0 * s.rate_hz, _HIGHEST_RATE_HZ)) for s in plan.sensors]
-        with_rate = zip(plan.sensors, rates, strict=True)
-        faster = tuple(replace(s, rate_hz=rate_hz) for s, rate_hz in with_rate)
+        faster = tuple(replace(s, rate_hz=r) for s, r in zip(plan.sensors, rates, strict=True))
         least_hz = min(2.0 * min(s.rate_hz for s in slow), _HIGHEST_RATE_HZ)
         action = f"sample at {least_hz:.0f} Hz or more, if a sample is then no noisier"
         yield Candidate(action, replace(plan, sensors=faster))
 
 
 def _with_new_sensors(plan: Plan) -> Iterator[Candidate]:
-    """Yield plans with sensors for what none of the plan's sees."""
+    """Yield plans with one more kind of sensor each, where the plan lacks it."""
     present = [s.channel for s in plan.sensors]
     rate_hz = max(s.rate_hz for s in plan.sensors)
     for quantity, sensor_words in (
@@ -244,12 +243,13 @@ def _new_sensor(quantity: Quantity, rate_hz: float, corner: Corner | None = None
 
 def _above_wheel(plan: Plan, corner: Corner) -> tuple[float, float]:
     """Return a wheel's place, m from the front axle and from the middle, forward and left."""
+    # In the order of `FULL_NAMES`; t_f and t_r are half a track.
     a, b, t_f, t_r = plan.vehicle[FULL_NAMES.index("a") :][:4].tolist()
     return (0.0, corner.side * t_f) if corner.front else (-a - b, corner.side * t_r)
 
 
 def _with_sensors(plan: Plan, action: str, new_sensors: list[Sensor]) -> Candidate:
-    """Return the step of adding sensors; they are known no better than the bench's worst."""
+    """Return the step of adding sensors; their gain and place are known as the bench's worst."""
     sigmas = {
         name: max(getattr(s.channel, name) for s in plan.sensors)
         for name in ("gain_sigma", "position_sigma_m")
@@ -285,7 +285,7 @@ def _with_weights(plan: Plan) -> Iterator[Candidate]:
 
 
 def _with_measured_facts(plan: Plan) -> Iterator[Candidate]:
-    """Yield plans with readings of scales or tape."""
+    """Yield plans with readings of scales or tape, of what does not follow from known facts."""
     known = {fact.quantity for fact in plan.facts}
     has_corner_loads = known >= set(CORNERS)
     has_axle_loads = has_corner_loads or known >= set(_AXLES)
@@ -312,9 +312,10 @@ def _with_facts(plan: Plan, quantities: Sequence[FactQuantity], sigma: float) ->
 
 
 def campaigns(plan: Plan) -> tuple[Candidate, ...]:
-    """Return campaigns of one run of each kind, with the sensors of a plan and bumps of 50 mm.
+    """Return campaigns of one run of each planned kind, with the plan's sensors and bumps of 50 mm.
 
-    They are held with scales instead of weights, with a tape measure, and in each mass state.
+    The first has scales instead of weights; the second a tape measure, too, unless the geometry is
+    measured; the third all mass states, if any has weights.  Empty if the plan has no runs.
     """
     kinds = tuple(dict.fromkeys(runs.excitation for runs in plan.runs))
     loaded = [s for s in plan.mass_states if s.added.weights or s.added.matrix.any()]
@@ -323,7 +324,7 @@ def campaigns(plan: Plan) -> tuple[Candidate, ...]:
         return ()
 
     def once(*states: MassState) -> Plan:
-        """Return the plan with one run of each kind over the highest bump in some mass states."""
+        """Return the plan with these mass states alone, one run of each kind, the highest bump."""
         runs = tuple(Runs(state.name, kind) for state in states for kind in kinds)
         bump = replace(plan.bump, height_m=HIGHEST_BUMP_M)
         return replace(plan, mass_states=states, runs=runs, bump=bump)

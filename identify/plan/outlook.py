@@ -54,6 +54,7 @@ class KnownRuns:
     """Remembers the information of each kind of run, for plans that have it in common."""
 
     _known: dict[tuple[Any, ...], NDArray[np.float64]] = field(default_factory=dict)
+    """Information of one run over a bump of 1 m, (P, P), by all that it depends on."""
 
     def fisher(self, plan: Plan) -> Fisher:
         """Return the information of all runs of a plan, its facts and stated uncertainties."""
@@ -70,8 +71,7 @@ class KnownRuns:
             key = (shared, state.name, added.weights, added.matrix.tobytes(), runs.excitation)
             if key not in self._known:
                 points = evaluate(box, eta, {state.name}, sigma)
-                point = points[state.name]
-                decay = _planned_decay(plan, state, runs.excitation, rates, point, eta)
+                decay = _planned_decay(plan, state, runs.excitation, rates, points[state.name], eta)
                 ((block, _),) = blocks_of(points, [decay], batches_of([decay]))
                 self._known[key] = block.information
             total = total + plan.bump.height_m**2 * runs.repeats * self._known[key]
@@ -90,7 +90,7 @@ def _shared_key(plan: Plan) -> tuple[Any, ...]:
         plan.sensors,
         plan.geometry,
         plan.structure,
-        any(fact.quantity in CORNERS for fact in plan.facts),
+        any(fact.quantity in CORNERS for fact in plan.facts),  # the cross weight is then unknown
         uncertain,
         plan.bump.duration_s,
         plan.decay_s,
@@ -119,12 +119,13 @@ def _planned_decay(
     bump_s = plan.bump.duration_s
     model = loaded_model(evaluated.box.full(eta.astype(complex)).real, state.added)
     on_bump = exact_response(model, excitation, Bump(1.0, 0.0, bump_s), 1.0 / bump_s, bump_s)
-    at_end = np.concatenate([on_bump.displacement[-1], on_bump.velocity[-1]])
+    at_end = np.concatenate([on_bump.displacement[-1], on_bump.velocity[-1]])  # of 2 samples
     empty = []
     for group, rate_hz in rates.items():
         time_s = np.arange(int(plan.decay_s * rate_hz)) / rate_hz
         empty.append(Recording(group, time_s, np.zeros((len(time_s), len(group.channels)))))
     silent = FreeDecay("planned", state.name, 0.0, tuple(empty))
+    # The first 14 linear unknowns are the initial state; all others, such as constants, are 0.
     recordings = tuple(
         Recording(r.group, r.time_s, evaluated.basis(r) @ (linear[..., : len(at_end)] @ at_end).T)
         for r, linear in zip(empty, linear_coefficients(evaluated, silent), strict=True)
@@ -184,7 +185,7 @@ def expected(fisher: Fisher) -> Outlook:
         reasons=_reasons(fisher, H, undetermined),
         worst=max(determined),
         mean=float(np.mean(determined)),
-        # A standard deviation above 1, of a logarithm or of a unit.
+        # Directions known to worse than 1, of logarithms or of the unit of `SIGNED`.
         open_directions=int(np.sum(floored < 1.0)),
     )
 
@@ -240,7 +241,7 @@ class Advice:
     steps: tuple[NextStep, ...]
     """At most a dozen next steps, each added alone to the plan, the most useful first."""
     remedies: tuple[str, ...]
-    """Steps that together determine what the plan leaves undetermined; empty if nothing is."""
+    """At most three steps that, done together, leave less undetermined; empty if no step does."""
 
 
 def advise(plan: Plan, known: KnownRuns) -> Advice:
@@ -252,7 +253,7 @@ def advise(plan: Plan, known: KnownRuns) -> Advice:
     now = expected(known.fisher(plan))
     ranked = _ranked(plan, known)
     steps = tuple(NextStep(step.action, after) for step, after in ranked if _helps(after, now))
-    # The best step, and the best after it, until everything is determined.
+    # The best step, and the best after it, until everything is determined or no step helps.
     remedies: list[str] = []
     reached = now
     while reached.undetermined and len(remedies) < 3:
@@ -283,10 +284,7 @@ def _rank(outlook: Outlook) -> tuple[int, int, float]:
 
 
 def _helps(after: Outlook, now: Outlook) -> bool:
-    """Return whether an outlook after a step is worth the step.
-
-    Where parameters are undetermined, only a step is that determines more.
-    """
+    """Return whether a step helps: while parameters are undetermined, if it determines more."""
     if now.undetermined:
         return _rank(after)[:2] < _rank(now)[:2]
     # A step that gains less than half a per cent is not worth its line.

@@ -100,10 +100,7 @@ class Campaign:
 
 
 def require_noise(campaign: Campaign) -> None:
-    """Refuse a campaign without noise, or with noise near rounding.
-
-    Raises InputError if it is above 100 dB.
-    """
+    """Raise InputError for a campaign without noise, or with noise near rounding: above 100 dB."""
     if campaign.noise_db > 100.0:
         noise = f"{campaign.noise_db:g} dB leaves no noise to study"
         raise InputError("noise", noise, "give -20 to 100 dB")
@@ -133,7 +130,7 @@ def noise_levels(campaign: Campaign) -> dict[str, float]:
 
 
 def box_of(campaign: Campaign) -> GreyBox:
-    """Return the structure of the problem that the campaign's records pose."""
+    """Return the problem that a campaign poses; weights without a sigma get a usual one."""
     states = tuple(state.weighed() for state in campaign.mass_states)
     return GreyBox(campaign.groups, states, campaign.geometry)
 

@@ -60,9 +60,9 @@ _TABLE3_PERCENT = np.array(
 
 
 def table2_study(response: Literal["exact", "wilson"]) -> Study:
-    """Return the paper's vehicle as its accelerations give it by the paper's chain (Table 2)."""
+    """Return Table 2: the paper's vehicle by its chain, from its exact or Wilson-theta response."""
     response_of = exact_response if response == "exact" else wilson_response
-    rate_hz = 1000.0
+    rate_hz = 1000.0  # the paper's
     state_matrices = []
     for model in (_VEHICLE, _VEHICLE.with_mass(_DELTA_M)):
         runs = [response_of(model, case, BUMP, rate_hz, RECORD_S) for case in PAPER_CASES]
@@ -169,15 +169,16 @@ def attempt(campaign: Campaign, seed: int) -> dict[str, Floats]:
 
 
 def _chain_errors(states: Iterable[Sequence[Floats]], rate_hz: float) -> Floats:
-    """Return the errors of the paper's chain, (11,) %, from the decays of both mass states.
+    """Return the errors of the paper's chain, (11,) %; NaN if it gives no answer.
 
-    The modes are those of the State Variable Method of known order (Eqs. 14-21).
+    `states`: the car as it is, then with the added mass; accelerations of each decay, (n, 7).  The
+    modes are those of the State Variable Method of known order (Eqs. 14-21).
     """
     state_matrices = []
     try:
         for decays in states:
             rms = np.sqrt(np.mean(np.concatenate(list(decays)) ** 2, axis=0))
-            # Steps of 10 ms over 0.3 s: of 8, 15 and 30 steps the most robust.
+            # 30 delays of 10 ms each: of 8, 15 and 30 of them the most robust.
             delays = Delays(30, max(1, round(0.01 * rate_hz)))
             space = delay_space([decay / rms for decay in decays], rate_hz, delays)
             poles, shapes = poles_of_rank(space, 2 * N_DOF)
@@ -185,7 +186,7 @@ def _chain_errors(states: Iterable[Sequence[Floats]], rate_hz: float) -> Floats:
             modes = ModalModel(poles[vibrating], (shapes * rms[:, None])[:, vibrating])
             state_matrices.append(_state_matrix(modes))
         A, A_added = state_matrices
-        model = physical_matrices(A, A_added, PAPER_ADDED_MASS.matrix)
+        model = physical_matrices(A, A_added, _DELTA_M)
         vehicle = sequential_vehicle(model, FORD_GRANADA.geometry)
     except (InputError, np.linalg.LinAlgError):
         return np.full(_N, np.nan)
@@ -193,9 +194,9 @@ def _chain_errors(states: Iterable[Sequence[Floats]], rate_hz: float) -> Floats:
 
 
 def table3_study(campaign: Campaign, attempts: Sequence[Mapping[str, Floats]]) -> Study:
-    """Return the table of many attempts next to the paper's single one.
+    """Return median and worst of many attempts (`attempt`) next to the paper's single one.
 
-    `campaign`: as made by `table3_campaign`.
+    `campaign`: of the attempts, as made by `table3_campaign`.
     """
     columns = [
         Column("parameter", "parameter", PARAMETER_NAMES[:_N]),
@@ -338,8 +339,9 @@ def mass_error_study(figure: str) -> Study:
 
 
 def _error_panel(title: str, quantity: str, errors: Floats, chosen: slice) -> Panel:
-    """Return a diagram of the errors of some parameters over the error of the stated quantity.
+    """Return a diagram of the errors of some parameters over that of one quantity as it is stated.
 
+    `errors`, (11, 15) %: of all parameters, a row for each error of that quantity.
     Front and rear parameters of a kind share a colour; the rear one is dashed.
     """
     curves = tuple(
@@ -433,8 +435,8 @@ def fig9_study(rate_hz: float, noise_db: float, seed: int) -> Study:
         notes=(
             f"The filter ({2 * half + 1} taps, least squares, stop band from 60 Hz) does not delay:"
             " its results belong to the middle of its memory.",
-            "Noise counts from the rms of the whole run, bump included. The free decay, which alone"
-            " is identified, is weaker: the last columns.",
+            "Noise counts from the rms over whole bounce, pitch and roll runs, bumps included. The"
+            " free decay, which alone is identified, is weaker: the last columns.",
         ),
         panels=tuple(panels),
     )

@@ -24,11 +24,7 @@ from dbc.words import InputError
 from identify.model.matrices import PhysicalModel, delta_mass, physical_model
 from identify.model.response import Bump, exact_response
 from identify.modes.modal_model import ModalModel, modes_of
-from identify.paper import (
-    physical_matrices,
-    sequential_vehicle,
-    vehicle_of_modes,
-)
+from identify.paper import physical_matrices, sequential_vehicle, vehicle_of_modes
 from identify.study.campaign import (
     PAPER_CASES,
     PAPER_MASS_STATES,
@@ -360,6 +356,7 @@ def test_fig9_filters_as_much_noise_as_its_weights_say() -> None:
     for name, signal in numbers(study, "signal_rms").items():
         assert before[name] == pytest.approx(signal * 10**-1.5, rel=0.6)
         assert after[name] / before[name] == pytest.approx(share, rel=0.15)
+    assert "rms over whole bounce, pitch and roll runs" in study.notes[1]
     low, high = numbers(study, "decay_db"), numbers(study, "decay_filtered_db")
     assert all(high[name] > low[name] + 5.0 for name in low)
     for rate_hz, noise_db, message in ((100.0, 30.0, "16 Hz"), (1000.0, inf, "noise")):
@@ -396,12 +393,7 @@ SKEWED: tuple[BodyWeight | HubWeight, ...] = (
 @pytest.mark.parametrize("geometry", [None, FORD_GRANADA.geometry], ids=["15", "11"])
 def test_parameters_come_back_through_a_full_added_mass(geometry: VehicleGeometry | None) -> None:
     dM = delta_mass(AddedMass(SKEWED), FORD_GRANADA.a).real
-    result = vehicle_of_modes(
-        modes_of(VEHICLE.A),
-        modes_of(VEHICLE.with_mass(dM).A),
-        dM,
-        geometry,
-    )
+    result = vehicle_of_modes(modes_of(VEHICLE.A), modes_of(VEHICLE.with_mass(dM).A), dM, geometry)
     np.testing.assert_allclose(result.parameters.to_array(), FORD_GRANADA.to_array(), rtol=1e-9)
 
 

@@ -224,11 +224,8 @@ def test_a_run_gives_its_usable_samples_at_the_times_of_the_motion() -> None:
         replace(ONE, name="slow", low_pass_hz=20.0),
     )
     record = record_of(run_of(group, empty), channels)
-    assert (record.label, record.mass_state, record.bump_s) == (
-        "baseline_bounce_1",
-        "baseline",
-        0.2,
-    )
+    stated = record.label, record.mass_state, record.bump_s
+    assert stated == ("baseline_bounce_1", "baseline", 0.2)
     names = [[c.name for c in r.group.channels] for r in record.recordings]
     assert names == [["a", "b"], ["late"], ["slow"]]
     both, late, slow = record.recordings
@@ -259,12 +256,7 @@ def test_samples_that_are_described_otherwise_stay_as_they_are() -> None:
 
 
 def test_a_decay_has_only_groups_of_two_samples_or_more() -> None:
-    record = Record(
-        "run",
-        "baseline",
-        0.2,
-        (counted(10, 10.0, ONE), counted(4, 10.0, TWO, C)),
-    )
+    record = Record("run", "baseline", 0.2, (counted(10, 10.0, ONE), counted(4, 10.0, TWO, C)))
     assert record.start_s == 0.0
     assert record.end_s == pytest.approx(0.9)
     for start_s, names in ((0.15, ["a", "bc"]), (0.25, ["a"])):
