@@ -226,6 +226,7 @@ def _validity_faults(
 ) -> Iterator[Fault]:
     """Yield each reason for which samples cannot be used; `value`: the same samples in SI, (n,)."""
     signal, n, usable = mapped.signal, len(value), samples.usable
+    worst = WARN if mapped.channel.quantity is Quantity.UNUSED else FAIL  # it is only recorded
     low, high = signal.span
     at_end = usable & ((samples.value <= low) | (samples.value >= high))
     # A float has no end, one bit is always at one, and `_stuck_faults` reports a constant signal.
@@ -255,7 +256,7 @@ def _validity_faults(
         count = int(np.sum(is_faulty))
         if count:
             text = f"{count} of {n} samples {plural(count, 'is', 'are')} {state}"
-            yield code, FAIL if count > failing_ratio * n else WARN, text, advice
+            yield code, worst if count > failing_ratio * n else WARN, text, advice
 
 
 def _stuck_faults(
@@ -264,17 +265,17 @@ def _stuck_faults(
     """Yield a fault if the channel has one value, in more samples than chance allows.
 
     `raw`: its samples in the unit of the database; `value`: in SI; (n,) each.  A coarse sensor,
-    whose step may exceed the noise at rest, gives a warning only, and nothing if it is not used.
+    whose step may exceed the noise at rest, gives a warning only; one that is not used nothing.
     """
-    if np.ptp(value) > 0 or not is_stuck(len(value)):
-        return
     signal, quantity, unit = mapped.signal, mapped.channel.quantity, mapped.channel.unit
+    if np.ptp(value) > 0 or not is_stuck(len(value)) or quantity is Quantity.UNUSED:
+        return
     text = f"stuck: all {len(value)} samples are {value[0]:.6g} {unit}"
     is_integer = not signal.is_float and signal.length > 1
     is_at_end = is_integer and raw[0] in signal.span and raw[0] != 0  # 0: a usual level at rest
     if is_at_end or is_fine(quantity, unit, mapped.step):
         yield "stuck", FAIL, text, "the sensor is dead, frozen or not started"
-    elif quantity is not Quantity.UNUSED:
+    else:
         yield "stuck", WARN, text, "move it: does it change?"
 
 

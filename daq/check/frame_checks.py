@@ -218,7 +218,7 @@ def _rate_faults(
     # Ten cycles, or 0.5 s, are longer than any jitter.
     if silent_s > max(0.5, 10 * (message.cycle_s or 0.0)):
         yield "stale", FAIL, f"silent for the last {silent_s:.2f} s", "check plug and power"
-    state_cycle = f"state cycle_ms = {1e3 / max(rate_hz, 1e-3):.3g} for it"
+    state_cycle = f"state cycle_ms = {1e3 / rate_hz:.3g} for it" if rate_hz else "check its power"
     if message.cycle_s is None:
         if message.counter is not None and not has_time and rate_hz > 0:
             text = f"{rate_hz:.1f} Hz; without a cycle time its counter gives no sample times"

@@ -89,6 +89,8 @@ def test_a_rate_may_be_two_percent_off_and_fails_from_ten_on(off: float, verdict
     if verdict is not OK:
         assert lines[0].text == f"{100 * (1 + off):.1f} Hz instead of 100.0 Hz"
         assert f"cycle_ms = {10 / (1 + off):.3g} " in lines[0].advice
+        (once,) = checked(message(), sent([0.0]))
+        assert (once.severity, "cycle_ms" in once.advice) == (FAIL, False)
 
 
 @pytest.mark.parametrize(

@@ -244,11 +244,15 @@ def test_twenty_like_samples_are_a_sensor_that_is_stuck(
     assert found(checked(channel(Quantity.SUSPENSION_TRAVEL, signal), [value] * n)) == expected
 
 
-def test_a_channel_without_samples_fails_unless_it_is_not_used() -> None:
+def test_a_channel_without_samples_fails_and_one_that_is_not_used_never() -> None:
     lines = checked(channel(Quantity.SUSPENSION_TRAVEL), [])
     assert found(lines) == {"no_sample": FAIL}
     assert lines[0].subject == "channel c"
     assert found(checked(channel(Quantity.UNUSED, "S.v"), [])) == {"no_sample": WARN}
+    dead = [32.767] * 20  # at the end of its bits
+    assert found(checked(channel(Quantity.UNUSED, "RAW.v"), dead)) == {"rest": OK}
+    lines = checked(channel(Quantity.UNUSED, "RAW.v"), dead, Quality.SENTINEL)
+    assert found(lines) == {"unusable": WARN}
 
 
 @pytest.mark.parametrize(
