@@ -112,7 +112,7 @@ def whole_frames(session: Session, path: Path) -> FrameBatch:
 
 
 class RecordedSource(FrameSource):
-    """A recording that is read as if it came from a bus; its losses are missing frames.
+    """A recording read as if it came from a bus; frames that it lost are missing, not `losses`.
 
     Time stamps keep their intervals; gaps longer than `LONGEST_GAP_S` are shortened to it.
 

@@ -17,8 +17,8 @@ from dbc.words import InputError, counted
 
 from .reader import LATEST_NS, LONGEST_NS, LogLoss, possible_frames
 
-BLOCK_BYTES = 1 << 19
-MAX_OBJECT_BYTES = 1 << 24
+BLOCK_BYTES = 1 << 19  # of unpacked content, parsed together
+MAX_OBJECT_BYTES = 1 << 24  # far more than a logger puts into an object or a container
 _FILE_HEADER = struct.Struct("<4sL8BQQLL8H8H")  # mark, its size, ..., bytes of the file, dates
 _OBJECT_BASE = struct.Struct("<4sHHLL")  # mark, size and version of the header, size, type
 _CONTAINER = struct.Struct("<H6xL4x")  # method of packing, bytes of the content

@@ -40,7 +40,7 @@ _SUFFIXES = {f".{form}": form for form in ExportFormat} | {".unv": ExportFormat.
 
 
 def csv_groups(session: Session, path: Path) -> dict[Path, SampleGroup]:
-    """Return the sample groups of a session by their files: ``car.csv``: ``car_RUN_GROUP.csv``.
+    """Return the sample groups of a session by their files, ``car_RUN_GROUP.csv`` for ``car.csv``.
 
     Raises InputError if the runs have no samples, or two groups have the same file.
     """

@@ -118,7 +118,7 @@ def test_units_follow_from_the_first_letter() -> None:
     assert (parameter_unit("F_cf"), parameter_unit("y_s")) == ("N", "m")
 
 
-def test_added_mass_is_a_matrix_of_seven_that_nobody_changes() -> None:
+def test_added_mass_is_a_matrix_of_seven_that_cannot_be_changed() -> None:
     assert AddedMass().matrix.shape == (7, 7)
     assert not AddedMass().matrix.any()
     assert not AddedMass().matrix.flags.writeable
