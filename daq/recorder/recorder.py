@@ -83,7 +83,7 @@ def resumable(journal: Path, bench: Bench) -> tuple[RecordingInfo, Bench] | None
     recorded = parse_bench(bench_text, "bench.toml in the journal", Path(), bench.dbc_text)
     _log.warning(
         "the resumed recording continues with its own bench.toml, not with the one in the file: "
-        "start a new campaign to use that"
+        "to use that, end the campaign and start the recorder again"
     )
     return last, replace(
         recorded,

@@ -271,7 +271,7 @@ class Recording:
 
     @property
     def running(self) -> str:
-        """Label of the run that is being recorded, also if it is already rejected; else empty."""
+        """Label of the run that is being recorded; empty if none is."""
         return self._loop.label if self._loop.running else ""
 
     @property

@@ -190,7 +190,9 @@ def test_whose_bench_toml_holds_is_said(
         assert f"campaign: {status.begun}" in list(status_lines(status))
         writer = running.recorder._writer
         assert writer.limits == limits  # the disk is the host's affair
-    assert "continues with its own bench.toml" in caplog.text
+        running.order(Start())  # keeps the present one
+        assert running.until(lambda s: s.recording != first.recording).vehicle == "Ford Granada"
+    assert "to use that, end the campaign and start the recorder again" in caplog.text
     caplog.clear()
     other = replace(quick, dbc_text=quick.dbc_text + "\n")
     with Running(other, tmp_path, sources(Script([]))) as running:
