@@ -224,8 +224,7 @@ class _Ticks:
         Each gap in the ticks may be after any of the n frames, which divides the likelihood by n.
         """
         n = len(self.index)
-        # At least a microsecond: no time stamp is finer.
-        mean_s = max(float(np.mean(self.delay_s)), 1e-6)
+        mean_s = max(float(np.mean(self.delay_s)), 1e-6)  # no time stamp is finer than 1 us
         return float(n * np.log(mean_s) + np.sum(np.diff(self.index) > 1) * np.log(n))
 
     @property

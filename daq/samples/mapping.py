@@ -339,13 +339,14 @@ def sample_groups(
 
 
 def group_names(names: Sequence[str]) -> dict[str, str]:
-    """Return a valid name in a session file for each name: without dots, not too long."""
+    """Return a name that a session file can hold for each name: no dot or slash, not too long."""
     short_names: dict[str, str] = {}
     for name in dict.fromkeys(names):
-        plain = name.replace(".", "_")
-        short, number = plain[:_LONGEST_NAME], 2
+        plain = name.replace(".", "_").replace("/", "_").encode(errors="replace")
+        short, number = plain[:_LONGEST_NAME].decode(errors="ignore"), 2
         while short in short_names.values():
-            short, number = f"{plain[: _LONGEST_NAME - 4]}_{number}", number + 1
+            begin = plain[: _LONGEST_NAME - 4].decode(errors="ignore")
+            short, number = f"{begin}_{number}", number + 1
         short_names[name] = short
     return short_names
 

@@ -30,7 +30,7 @@ from ..channels import Quantity
 from ..journal.reader import HopCounts, read_windows, recording_of
 from ..journal.segment import JournalHead
 from ..runlog import Code, LoggedRun, RunLog, finding_record, fold
-from ..runs import Event, Run, RunStatus, SampleGroup, allowed_silence_s
+from ..runs import Event, Run, RunStatus, SampleGroup, allowed_silence_s, longest_silence
 from ..samples import converter as health
 from ..samples import trigger
 from ..samples.mapping import MappedChannel, mapped_channels, sample_groups, timekeeping
@@ -191,10 +191,11 @@ def _coverage_faults(
     for m in mapped:
         if m.channel.quantity is Quantity.UNUSED:
             continue
-        group, edge_s = group_of.get(m.channel.name), allowed_silence_s(m.message.cycle_s or 0.0)
-        if group is None:
+        if (group := group_of.get(m.channel.name)) is None:
             reasons[f"no frame of {m.message.name} ({m.message.can_id:#x}) was received"] = None
-        elif group.time_s[0] > edge_s or group.time_s[-1] < length_s - edge_s:
+            continue
+        edge_s = longest_silence(group.time_s, 0.0, length_s).limit_s  # of the rate that it has
+        if group.time_s[0] > edge_s or group.time_s[-1] < length_s - edge_s:
             span = f"{max(group.time_s[0], 0.0):.2f} to {group.time_s[-1]:.2f} s"
             reasons[f"{m.message.name} was received only from {span} of {length_s:.2f} s"] = None
     return tuple(reasons)

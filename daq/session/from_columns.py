@@ -93,7 +93,7 @@ def recording(channel_map: ChannelMap, file: Columns) -> Recording:
             is_whole = has_value[:, rows].all(axis=0)
             quality = np.where(is_whole, 0, Quality.MISSING).astype(np.uint8)
             in_rows = {channel: value[rows] for channel, value in values.items()}
-            groups.append(SampleGroup(name.replace("/", "_"), time_s, t_ns, in_rows, quality))
+            groups.append(SampleGroup(name, time_s, t_ns, in_rows, quality))
     name_in_file = group_names([group.name for group in groups])
     named_groups = tuple(replace(group, name=name_in_file[group.name]) for group in groups)
     return Recording(start_ns, tuple(channels), named_groups)

@@ -529,8 +529,8 @@ def test_frames_with_a_counter_belong_to_the_sample_of_that_number(
 def test_groups_have_names_that_a_session_file_can_hold() -> None:
     assert group_names(["IMU", "HUB.a", "IMU"]) == {"IMU": "IMU", "HUB.a": "HUB_a"}
     long = "m" * 80
-    found = group_names(["m" * 64, long, long + "x", "a.b", "a_b"])
+    found = group_names(["m" * 64, long, long + "x", "a.b", "a_b", "a/b", "ä" * 40])
     assert found["m" * 64] == "m" * 64
-    assert all(len(name) <= 64 for name in found.values())
-    assert len(set(found.values())) == 5
+    assert all(len(name.encode()) <= 64 and "/" not in name for name in found.values())
+    assert len(set(found.values())) == 7
     assert found["a.b"] == "a_b"

@@ -67,12 +67,7 @@ def _run(bench: Bench, frames: FrameBatch) -> Run:
 
 
 def test_values_are_si_with_polarity_scale_and_zero() -> None:
-    channels = (
-        ACC_FL,
-        replace(TRAVEL, sign=-1.0, gain=1.5, tare=0.01),
-        PITCH,
-        YAW,
-    )
+    channels = (ACC_FL, replace(TRAVEL, sign=-1.0, gain=1.5, tare=0.01), PITCH, YAW)
     frames = _merge(
         _frames(CODEC, "HUB_Front", acc_fl=1.5),
         _frames(CODEC, "SUSP_Rear", travel_rr=20.0),
@@ -138,6 +133,7 @@ def test_garbled_lost_and_repeated_frames() -> None:
         (2000, slice(574, 2000), ""),  # from 0.248 s on
         (2000, slice(576, 2000), "IMU_Rate was received only from 0.25 to 0.60 s of 0.60 s"),
         (2000, slice(627), ""),  # to 0.352 s of 0.6 s
+        (2000, slice(0, 576, 25), ""),  # slower than in the DBC: ten samples of 50 ms
         (2000, slice(624), "IMU_Rate was received only from 0.00 to 0.35 s of 0.60 s"),
     ],
 )
