@@ -218,7 +218,7 @@ class JournalWriter:
         return self._segment is not None and not self._waiting
 
     def cut(self) -> None:
-        """Finish the open segment and begin the next, so that all written blocks can be read."""
+        """Finish the open segment and begin the next, so that those with blocks change no more."""
         self.flush()
         if self._segment is not None and not self._segment.is_empty:
             self._end_segment(Segment.finish)

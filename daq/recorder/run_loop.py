@@ -36,6 +36,7 @@ class Surroundings:
     due: Step | None
     """Next step of the campaign; None if it is complete."""
     bump_s: float
+    """Duration of a bump as planned, s."""
     accept_after_s: float
     """Time that the operator has to reject a run, s."""
 

@@ -243,7 +243,7 @@ def _punctual_ticks(arrival_s: NDArray[np.float64], rough_s: float) -> _Ticks | 
     `rough_s`: the approximate cycle of the first frames, s.
     """
     ticks = _ticks(arrival_s, rough_s)
-    # One frame in 20 may come so late, in cycles, that its tick may be the next one.
+    # At most one frame in 20 may come so late, in cycles, that its tick may be the next one.
     is_too_late = np.quantile(ticks.delay_s, 0.95) > 0.9 * ticks.cycle_s
     n_gaps = np.count_nonzero(np.diff(ticks.index) > 1)
     # Delay, in cycles, below which each stretch has a frame if they follow the clock.

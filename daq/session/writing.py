@@ -81,8 +81,8 @@ class Item:
     values: NDArray[Any] | None = None
     """Values of a dataset: numbers or byte strings of fixed length; None: a group."""
     scales: tuple[str, ...] = ()
-    """Names of the datasets in the same group, written before it, that count or date the rows along
-    each axis, for writing; a scale names itself."""
+    """Needed for writing only: of each axis, the dataset in the same group that counts or dates its
+    rows and is written before; such a dataset names itself."""
 
 
 Content = dict[str, Item]
@@ -117,7 +117,7 @@ def digests(content: Content) -> dict[str, str]:
 
 
 def write_session(path: Path | str, session: Session) -> None:
-    """Write a session file; after any failure it is complete or absent.  It replaces an older one.
+    """Write a session file, or replace it; after any failure it is complete, or as before.
 
     Raises InputError if it cannot be written, or a name in the session is not possible in HDF5.
     """
