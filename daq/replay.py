@@ -67,13 +67,12 @@ def play(
 
 
 def _send(bus: can.BusABC, message: can.Message) -> None:
-    """Send one frame, with growing pauses while the buffer of the bus is full.
-
-    Raises BusError if it is full for 2 s, or the frame cannot be sent on this bus.
-    """
+    """Send one frame; raises BusError if the bus can never take it, or not within 2 s."""
     from can import CanError
 
-    pauses_s = (0.0005 * 2**k for k in range(12))  # 2 s in all
+    pauses_s = (
+        0.0005 * 2**k for k in range(12)
+    )  # 2 s in all, for a full buffer of the bus to empty
     while True:
         try:
             bus.send(message)
@@ -94,7 +93,6 @@ def whole_frames(session: Session, path: Path) -> FrameBatch:
 
     A session file has only the runs.  Without the frames between them the counters of the sensors
     would report losses, which would be attributed to the run before each gap.
-
     `path`: the session's file; the journal from which it was built is in `journal` beside it.
     Raises InputError if the journal is missing or incomplete.
     """
@@ -115,7 +113,6 @@ class RecordedSource(FrameSource):
     """A recording read as if it came from a bus; frames that it lost are missing, not `losses`.
 
     Time stamps keep their intervals; gaps longer than `LONGEST_GAP_S` are shortened to it.
-
     `frames`: of all buses, in order of time.  `bus`: number of the bus that is read.  `speed`:
     seconds of the recording that pass in one second.  `start_ns`: first stamp, ns UTC.
     """

@@ -33,11 +33,9 @@ ROLE = "SignalRole"
 _EXTENDED = 1 << 31
 """Bit of an identifier in a DBC that marks 29 bits."""
 
-
 _HUGE = re.compile(
-    r"""\b(?:length|offset|count|len)\s*=\s*["']?\d{5}"""
+    r"""\b(?:length|offset|count|len)\s*=\s*["']?\d{5}|(?:LENGTH|POSITION)>\s*\d{7}"""
     r"|\b(?:unsigned|signed|float|double|bit|char|string|raw)\s+\d{5}(?!\d* +-?\d)"
-    r"|(?:LENGTH|POSITION)>\s*\d{7}"
     r"|^\s*BO_\s+\d+\s+\w+\s*:\s*\d{5}|^\s*SG_\s[^:\n]*:\s*(?:\d+\s*\|\s*)?\d{5}",
     re.IGNORECASE | re.MULTILINE,
 )

@@ -26,10 +26,7 @@ TABLES: dict[str, tuple[str, Expected]] = {
     "comma": ("a,b\n1.5,2\n3,4\n", {"a": ("", [1.5, 3]), "b": ("", [2, 4])}),
     "semicolon, decimal comma": ("a;b\n1,5;2\n3;4\n", {"a": ("", [1.5, 3]), "b": ("", [2, 4])}),
     "semicolon, decimal point": ("a;b\n1.5;2\n3;4\n", {"a": ("", [1.5, 3]), "b": ("", [2, 4])}),
-    "a comma without digits before it": (
-        "a;b\n,5;-,25\n1;2\n",
-        {"a": ("", [0.5, 1]), "b": ("", [-0.25, 2])},
-    ),
+    "no digit before it": ("a;b\n,5;-,25\n1;2\n", {"a": ("", [0.5, 1]), "b": ("", [-0.25, 2])}),
     "no head": ("1,2\n3,4\n", {"column 1": ("", [1, 3]), "column 2": ("", [2, 4])}),
     "an empty name": (
         "a,,c\n1,2,3\n4,5,6\n",
