@@ -40,7 +40,9 @@ def rounded(value: float, low: float, high: float) -> tuple[str, str, str]:
 def half_width(value: float, high: float) -> str:
     """Write the distance from a value to the upper end of its interval, with two digits."""
     half = high - value
-    return _to_place(half, _place(half)) if isfinite(half) and half > 0.0 else ""
+    if not isfinite(half) or half <= 0.0:
+        return ""
+    return f"{half:.1e}" if _place(half) > 7 else _to_place(half, _place(half))  # as in `rounded`
 
 
 def with_half(value: float, half: float) -> str:

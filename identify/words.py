@@ -104,7 +104,7 @@ def half_text(e: Estimate) -> str:
 
 
 def plus_minus_text(e: Estimate) -> str:
-    """Write a value and half of its interval."""
+    """Write a value and the distance to the upper end of its interval."""
     if not e.determined:
         return NOT_DETERMINED
     half = half_width(e.value, e.high)

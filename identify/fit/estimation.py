@@ -57,7 +57,6 @@ class Estimation:
 
     box: GreyBox
     records: Records
-    """All runs."""
     fit: Fit
     """The optimum."""
     decays: tuple[FreeDecay, ...]

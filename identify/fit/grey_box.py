@@ -111,11 +111,9 @@ class GreyBox:
     groups: tuple[ChannelGroup, ...]
     """Every channel group of the session."""
     mass_states: tuple[MassState, ...]
-    """With their added masses."""
     geometry: VehicleGeometry | None
     """The four lengths where they are measured; they are then no unknowns."""
     structure: Structure = field(default_factory=Structure)
-    """Structure of the vehicle, which determines its parameters."""
     facts: tuple[Fact, ...] = ()
     """Measured quantities of the vehicle, each with its standard uncertainty."""
     may_lift: bool = False

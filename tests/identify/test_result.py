@@ -244,6 +244,7 @@ def test_a_difference_has_its_sign_and_the_digits_of_its_interval() -> None:
     assert plus_minus(43.865, 4.61) == "+43.9 ± 4.6"
     assert plus_minus(-0.00412, 0.0311) == "-0.004 ± 0.031"
     assert plus_minus(2.5, 0.0) == "+2.5000"
+    assert plus_minus(2.5e-6, 3e-7) == "+2.50e-06 ± 3.0e-07"  # of a mount's compliance, m/N
     assert plus_minus(nan, inf) == "not determined"
 
 
