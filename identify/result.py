@@ -29,8 +29,6 @@ from .words import unit_text
 if TYPE_CHECKING:
     from .nonlinear.forces import Forces
 
-# The version and the hash of the program that makes the numbers -----------------------------------
-
 VERSION = "1.0.0"
 """That of pyproject.toml; to look it up in the installed metadata loads a reader of e-mail."""
 
@@ -49,9 +47,6 @@ def software_sha256(packages: Sequence[Path] = _PACKAGES) -> str:
             name, content = path.relative_to(folder.parent).as_posix(), path.read_bytes()
             whole.update(b"%s\0%d\0%s" % (name.encode(), len(content), content))
     return whole.hexdigest()
-
-
-# The result ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)

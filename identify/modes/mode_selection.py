@@ -304,6 +304,8 @@ def sensed_modes(records: Sequence[Record], decays: Sequence[FreeDecay]) -> Sens
         raise InputError("free decays", "no channel is in every run", "record the same sensors")
     rate_hz = slowest_hz / max(1, round(slowest_hz / _RATE_HZ))
     grids = [_on_grid(r, d, channels, rate_hz) for r, d in zip(records, decays, strict=True)]
+    if min(len(grid) for grid in grids) < MIN_SAMPLES:
+        raise InputError("free decays", "they are too short for modes", "record longer")
     moves = np.any([np.ptp(grid, axis=0) > 0.0 for grid in grids], axis=0)  # (n_channels,)
     moving = tuple(channels[c] for c in np.flatnonzero(moves))
     grids = [grid[:, moves] for grid in grids]

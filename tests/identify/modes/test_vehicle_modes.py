@@ -191,7 +191,7 @@ def test_a_group_that_ends_on_the_bump_is_left_out() -> None:
     assert n_channels(records, decays) == 5
 
 
-@pytest.mark.parametrize("n", [0, 1])
+@pytest.mark.parametrize("n", [0, 1, 2, 5])
 def test_a_run_that_ends_with_its_bump_is_refused_in_words(n: int) -> None:
     records = campaign(GRANADA, 40.0, 2)
     decays = [record.decay(0.3001) for record in records]
