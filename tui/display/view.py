@@ -39,6 +39,7 @@ from ..terminal.words import (
     remaining_motion,
     run_words,
     seconds_since_bump,
+    unarmed_words,
     waiting_words,
 )
 
@@ -229,7 +230,7 @@ def _verdict_headline(status: Status) -> Headline:
     run, digits = last_judged(status), countdown_digits(status)
     digits_are = "seconds to the next run" if digits else ""
     if status.phase is Phase.ACCEPTED:
-        why, advice = accepted_words(status, run), "" if digits else "The last of its kind."
+        why, advice = accepted_words(status, run), unarmed_words(status)
         return Headline("accepted", ("ACCEPTED",), why, advice, digits, digits_are)
     why, advice = rejected_words(run) if run else ("", "")
     return Headline("again", ("AGAIN",), why, advice, digits, digits_are)

@@ -26,7 +26,7 @@ from daq.control.messages import Live, Order, Reply, Setup, Status
 from daq.files import write_bytes
 from dbc.words import printable
 
-from .campaign import BenchStep, in_run, is_marked, progress, waits_unarmed
+from .campaign import BenchStep, in_first_runs, in_run, is_marked, progress
 from .device import THEMES, KeyboardApp
 from .feed import Lanes, Lost, News, RecorderFeed, Role
 from .widgets import Confirm, HelpScreen, LinkScreen, Question
@@ -194,7 +194,7 @@ class BenchApp(KeyboardApp):
             self._has_begun = True
             await self._open_first(status)
         before_bumps = self.step in (BenchStep.VEHICLE, BenchStep.CHECK)
-        if before_bumps and run_begins and waits_unarmed(status):
+        if before_bumps and run_begins and in_first_runs(status):
             await self.open("home")
         self._ring(signal_of(previous, status))
         self._publish(StateChanged())
@@ -209,7 +209,7 @@ class BenchApp(KeyboardApp):
 
         The vehicle form asks for the operator's name itself.
         """
-        step = BenchStep.BASELINE if waits_unarmed(status) else progress(status).due
+        step = BenchStep.BASELINE if in_first_runs(status) else progress(status).due
         await self.go_to(step)
         if self.auto:
             return
@@ -231,14 +231,17 @@ class BenchApp(KeyboardApp):
     @work(group="bench", exclusive=True)
     async def _fetch_bench(self) -> None:
         """Get the bench in force from the recorder, and pass it to the screen."""
-        from daq.bench.config import parse_bench
-
         with suppress(OrderRefusedError, InputError):
-            text = (await self.feed.ask(messages.AskBench())).bench_text
-            self.bench = parse_bench(text, "bench.toml", self.folder, dbc_text="")
-            self.bench_text = text
+            self._store_bench((await self.feed.ask(messages.AskBench())).bench_text)
             if self.status is not None:
                 self._publish(StateChanged())
+
+    def _store_bench(self, text: str) -> None:
+        """Store the bench in force, and its text.  Raises InputError if it is none."""
+        from daq.bench.config import parse_bench
+
+        self.bench = parse_bench(text, "bench.toml", self.folder, dbc_text="")
+        self.bench_text = text
 
     def _compare_setup(self, running: Setup) -> None:
         """Ask once whether to attach to a recorder of another setup than the wanted one, if any."""
@@ -286,7 +289,11 @@ class BenchApp(KeyboardApp):
         except InputError as error:
             self.warn(str(error))
             return False
-        return text == self.bench_text or await self.ask(messages.Configure(text)) is not None
+        if text != self.bench_text:
+            if await self.ask(messages.Configure(text)) is None:
+                return False
+            self._store_bench(text)  # now: the next edit begins with it
+        return True
 
     async def finish(self, step: BenchStep) -> bool:
         """Mark a step as done unless it is; return False if the recorder has refused that."""

@@ -58,8 +58,7 @@ class Progress:
 
 def bump_step(status: Status) -> BenchStep:
     """Return the step of the next bumps: with weights as soon as these are on the car."""
-    due = status.due
-    baseline_due = due is not None and due.step.mass_state == BASELINE
+    baseline_due = status.due is not None and status.due.step.mass_state == BASELINE
     if baseline_due or not progress(status).reached(BenchStep.ADDED):
         return BenchStep.BASELINE
     return BenchStep.ADDED
@@ -96,13 +95,13 @@ def is_marked(status: Status, step: BenchStep) -> bool:
     return revisions.get(step.mark) == status.revision
 
 
-def waits_unarmed(status: Status) -> bool:
-    """Return True if the recorder waits for a first bump that no terminal has armed."""
+def in_first_runs(status: Status) -> bool:
+    """Return True in a run before the baseline is complete, even if steps 1 and 2 are not done."""
     return in_run(status) and progress(status).due <= BenchStep.BASELINE
 
 
 def in_run(status: Status) -> bool:
-    """Return True if the recorder waits for a bump or follows one."""
+    """Return True from the order to arm until the run loop is idle or complete, also paused."""
     return status.phase not in (Phase.IDLE, Phase.COMPLETE)
 
 
@@ -183,7 +182,7 @@ class NextAction:
 
 
 def next_action(status: Status | None, in_control: bool = True) -> NextAction:
-    """Return the next action: an order, for a viewer to take control first, or to go to a step."""
+    """Return the next action; of a viewer (not `in_control`), to take control before an order."""
     if status is None or status.phase in BUSY:
         return NextAction()
     due_step = progress(status).due

@@ -76,7 +76,8 @@ _SIGNALLED_PHASES = (Phase.ARMED, Phase.ACCEPTED, Phase.REJECTED)
 def signal_of(previous: Status | Lost | None, news: Status | Lost) -> Signal | None:
     """Return the signal for news: of a verdict first, then of an alarm, then ARMED.
 
-    The first status gives none, and a loss gives one only if nothing was lost before.
+    `previous`: the status before a status, or the present loss before a loss; None without.  Then
+    a status gives no signal, and only then a loss gives one.
     """
     if isinstance(news, Lost):
         return None if news.starting or previous is not None else Signal.LOST
@@ -102,7 +103,7 @@ class DisplayLink:
     lines: tuple[str, ...]
     """Link, warning and number, in words."""
     code: tuple[str, ...]
-    """The link as a QR code, dark where a character is drawn; empty for this machine's own."""
+    """The link as a QR code, two rows of it in a line; empty if only this machine can open it."""
 
 
 HANDS_OFF = "Hands off. Recording the bump."
@@ -153,6 +154,15 @@ def waiting_words(status: Status) -> str:
     """Return why a run is not armed yet."""
     moving = printable(", ".join(status.not_at_rest), 48)
     return f"not at rest: {moving}" if moving else "filling the seconds before the bump"
+
+
+def unarmed_words(status: Status) -> str:
+    """Return why no run arms itself after the one just accepted; empty if one does."""
+    run, due = last_judged(status), status.due.step if status.due else None
+    if status.countdown_s is not None:
+        return ""
+    goes_on = run and due and (run.mass_state, run.excitation) == (due.mass_state, due.excitation)
+    return "Pauses after this run." if goes_on else "The last of its kind."
 
 
 def accepted_words(status: Status, run: LoggedRun | None) -> str:
@@ -254,10 +264,8 @@ def banner(status: Status | None, lost: Lost | None, action: NextAction, glyphs:
         return Banner("bad", glyphs.bad, "STOPPED", words, why, "F1 = what to do")
     if action.step is not None:
         return Banner("good", glyphs.good, "DONE", action.words, "This step is complete.")
-    words = _spaced(
-        action.words, f"next: {status.due.step.mass_state} {title}" if status.due else ""
-    )
-    return Banner("quiet", glyphs.paused, "IDLE", words, instruction)
+    due = f"next: {status.due.step.mass_state} {title}" if status.due else ""
+    return Banner("quiet", glyphs.paused, "IDLE", _spaced(action.words, due), instruction)
 
 
 def _spaced(*parts: str) -> str:
@@ -283,9 +291,8 @@ def _decay_words(status: Status, glyphs: Glyphs) -> str:
 
 
 def _accepted_banner(status: Status, action: NextAction, glyphs: Glyphs) -> Banner:
-    run = last_judged(status)
-    seconds = countdown_digits(status)
-    next_run = f"The next run arms itself in {seconds} s." if seconds else "The last of its kind."
+    run, seconds = last_judged(status), countdown_digits(status)
+    next_run = f"The next run arms itself in {seconds} s." if seconds else unarmed_words(status)
     run_and_count = f"{run_words(run)}   {count_words(status, run)}" if run else ""
     title, words = _spaced(action.words, run_and_count), accepted_words(status, run)
     addition = _spaced(next_run, "Bksp = reject")

@@ -79,7 +79,7 @@ def test_an_accepted_run_counts_down(recorder: FakeRecorder) -> None:
     assert shown(recorder).headline.digits == "2"
     recorder.publish(countdown_s=None)
     assert shown(recorder).headline.digits == ""
-    assert shown(recorder).headline.advice == "The last of its kind."
+    assert shown(recorder).headline.advice == "Pauses after this run."
 
 
 def test_a_rejected_run_says_why_and_what_to_do(recorder: FakeRecorder) -> None:

@@ -89,21 +89,12 @@ def ready(in_control: bool = True) -> FakeRecorder:
 class FakeRecorder(RecorderFeed):
     """A feed whose recorder is turned by the test.
 
-    Parameters
-    ----------
-    bench_text : str
-        bench.toml in force.
-    in_control : bool
-        Whether the terminal may give orders.
-    check : tuple of Finding
-        What `AskCheck` is answered with.
+    `bench_text`: bench.toml in force.  `in_control`: whether the terminal may give orders.
+    `check`: the answer to `AskCheck`.
     """
 
     def __init__(
-        self,
-        bench_text: str = "",
-        in_control: bool = True,
-        check: tuple[Finding, ...] = (),
+        self, bench_text: str = "", in_control: bool = True, check: tuple[Finding, ...] = ()
     ) -> None:
         self.bench_text = bench_text or default_bench_text()
         self.in_control, self.check = in_control, check
@@ -284,14 +275,10 @@ class FakeRecorder(RecorderFeed):
         )
         due = None
         if step is not None:
-            tally = next(
-                t
-                for t in tallies
-                if (t.mass_state, t.excitation) == (step.mass_state, step.excitation)
-            )
-            due = Due(
-                step, tally.accepted, tally.planned, tally.rejected, INSTRUCTIONS[step.excitation]
-            )
+            kind = (step.mass_state, step.excitation)
+            tally = next(t for t in tallies if (t.mass_state, t.excitation) == kind)
+            numbers = (tally.accepted, tally.planned, tally.rejected)
+            due = Due(step, *numbers, INSTRUCTIONS[step.excitation])
         reported = Status(
             wall_ns=WALL_NS,
             t_ns=self.t_ns,

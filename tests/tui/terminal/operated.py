@@ -19,7 +19,6 @@ from textual.pilot import Pilot
 from textual.screen import Screen
 from textual.widget import Widget
 
-from daq.bench.config import Bench
 from daq.check.check import WORDS
 from daq.vehicle import Corner
 from dbc.words import BumpbenchError, Finding, Severity
@@ -156,13 +155,14 @@ def check_line(
 
 
 def check_items(**levels: float) -> tuple[Finding, ...]:
-    rest = {f"travel_{c.lower()}": 0.0001 for c in Corner} | levels
+    rest = {f"travel_{c.lower()}": 0.0001 for c in Corner}
+    rest |= {"pitch_rate": 0.0, "roll_rate": 0.0} | levels
     return (
         check_line("OK", "bus", "12000 frames in 3.00 s, about 38 % of the bit rate", "", {}),
         check_line("OK", "message IMU_Accel", "500.0 Hz, jitter 0.20 ms", "", {}),
         check_line("OK", "channel body_acc_z", "9.81 m/s2 at rest, +1 g", "", {"level": 9.81}),
         *(
-            check_line("OK", f"channel {name}", f"{level:.4g} m at rest", "", {"level": level})
+            check_line("OK", f"channel {name}", f"reads {level:.4g} at rest", "", {"level": level})
             for name, level in rest.items()
         ),
     )
@@ -344,10 +344,6 @@ async def showing(
 def commands(app: BenchApp) -> dict[str, Callable[[], Any]]:
     """Return the commands of the palette by name."""
     return {name: act for name, _, act, *_ in app.get_system_commands(app.screen)}
-
-
-def bench_of(recorder: FakeRecorder) -> Bench:
-    return recorder.bench
 
 
 def orders_of(recorder: FakeRecorder, kind: type) -> list[object]:

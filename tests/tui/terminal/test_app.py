@@ -10,16 +10,17 @@ from textual.widgets import Input, Static
 
 from daq.alarms.texts import EXPLAINED
 from daq.bench.campaign import Origin
+from daq.bench.edit import with_channel
 from daq.control.messages import Alarm, Arm, Hello, Phase, Setup, ShutDown, Stop, differences
 from tui.display.link import Served
 from tui.terminal.feed import STARTING, Lost, News, Role
-from tui.terminal.screens.bumping import HomeScreen
+from tui.terminal.screens.bumping import HomeScreen, alarms_text
 from tui.terminal.widgets import HelpScreen
 from tui.terminal.words import DisplayLink, Signal
 
 from .conftest import screen_text
 from .fake_recorder import DOUBLE_BUMP, FakeRecorder, ready
-from .operated import Make, commands, playing, pressed, seen, until
+from .operated import PLAIN, Make, commands, playing, pressed, seen, until
 from .test_words import alarmed
 
 SIZES = (
@@ -234,6 +235,14 @@ async def test_the_gravest_alarm_is_shown_unless_the_recorder_is_lost(
         assert "STOP BUS OVERLOADED can0 at the front" in shown
         assert shown.count("or raise the bit rate") == 2, "the advice of the gravest is never cut"
         assert "and 1 more" in shown
+        narrow = alarms_text(app.status or recorder.status, PLAIN, 40).plain.splitlines()
+        assert narrow[0].startswith("! BUS FULL can0 at the front: frames")
+        assert narrow[2:] == ["  frames frames frames frames frames ...", "! and 1 more"]
+        assert alarms_text(recorder.status, PLAIN, 9).plain.count("FULL") == 1
+        await app.configure(lambda text: with_channel(text, "travel_fl", sign=-1))
+        await app.configure(lambda text: with_channel(text, "travel_fr", sign=-1))
+        turned = [c.name for c in recorder.bench.channels if c.sign < 0]
+        assert turned == ["travel_fl", "travel_fr"], "an edit begins with the one before"
         app.push_screen(HelpScreen("home"))
         await pilot.pause()
         recorder.post(Lost("the recorder has ended", "all up to then is on the disk"))

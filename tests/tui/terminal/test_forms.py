@@ -11,13 +11,7 @@ import pytest
 from daq.bench.config import default_bench_text, load_bench, parse_bench
 from daq.control.messages import Configure, Mark
 from daq.runs import Excitation
-from daq.vehicle import (
-    BodyWeight,
-    Corner,
-    Fact,
-    HubWeight,
-    Structure,
-)
+from daq.vehicle import BodyWeight, Corner, Fact, HubWeight, Structure
 from tui.terminal.campaign import read_draft
 from tui.terminal.form import Field, FieldError, Form
 from tui.terminal.screens.masses import (
@@ -29,12 +23,7 @@ from tui.terminal.screens.masses import (
     entries_of,
     entry_values,
 )
-from tui.terminal.screens.vehicle import (
-    VehicleScreen,
-    check_vehicle,
-    vehicle_text,
-    vehicle_values,
-)
+from tui.terminal.screens.vehicle import VehicleScreen, check_vehicle, vehicle_text, vehicle_values
 
 from .conftest import screen_text
 from .fake_recorder import FakeRecorder
@@ -300,6 +289,9 @@ async def test_space_bolts_one_weight_after_the_other_and_goes_on(make_app: Make
         assert Mark("step masses done") in recorder.orders
         assert orders_of(recorder, Configure) == []
         assert not (app.folder / "draft_masses.json").exists()
+        recorder.publish(recording="1f" * 16)
+        await app.open("masses")
+        assert "SPACE = weight 1 is bolted" in await pressed(pilot, "up"), "the next vehicle"
 
 
 ENTRIES = (

@@ -23,6 +23,7 @@ from daq.control.messages import (
     Stop,
     Undo,
 )
+from daq.runs import Excitation
 from daq.verdict.words import WORDS
 from tui.terminal.app import BenchApp
 from tui.terminal.campaign import BenchStep
@@ -190,6 +191,13 @@ async def test_the_weights_are_asked_for_where_they_change(make_app: Make) -> No
             await pressed(pilot, key)
             assert ("Weights on?" in screen_text(app)) is asked
         assert orders_of(recorder, Arm) == [Arm(mass_state="added")]
+        recorder.turn(Phase.IDLE)
+        now_s[0] += 1.0
+        assert "Weights on?" in await pressed(pilot, "space")
+        recorder.choose("baseline", Excitation.BOUNCE)  # at another terminal
+        recorder.publish()
+        await pressed(pilot, "enter")
+        assert len(orders_of(recorder, Arm)) == 1, "the answer was to another question"
 
 
 def _typed(app: BenchApp) -> dict[str, str]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -50,21 +51,9 @@ def _before(recorder: FakeRecorder) -> None:
     recorder.judge(DOUBLE_BUMP)
 
 
-def _idle(recorder: FakeRecorder) -> None:
-    recorder.turn(Phase.IDLE)
-
-
 def _waiting(recorder: FakeRecorder) -> None:
     recorder.publish(not_at_rest=("hub_acc_fl", "hub_acc_rr"))
     recorder.turn(Phase.WAITING)
-
-
-def _armed(recorder: FakeRecorder) -> None:
-    recorder.turn(Phase.ARMED)
-
-
-def _triggered(recorder: FakeRecorder) -> None:
-    recorder.bump()
 
 
 def _decay(recorder: FakeRecorder) -> None:
@@ -83,10 +72,6 @@ def _rejected(recorder: FakeRecorder) -> None:
     recorder.judge(DOUBLE_BUMP)
 
 
-def _paused(recorder: FakeRecorder) -> None:
-    recorder.turn(Phase.PAUSED)
-
-
 def _complete(recorder: FakeRecorder) -> None:
     recorder.finish("baseline")
     recorder.mark("masses")
@@ -98,15 +83,15 @@ def _lost(recorder: FakeRecorder) -> None:
     recorder.post(Lost("the recorder has ended", "all up to then is on the disk"))
 
 
-STATES = {
-    "idle": _idle,
+STATES: dict[str, Callable[[FakeRecorder], object]] = {
+    "idle": partial(FakeRecorder.turn, phase=Phase.IDLE),
     "waiting": _waiting,
-    "armed": _armed,
-    "triggered": _triggered,
+    "armed": partial(FakeRecorder.turn, phase=Phase.ARMED),
+    "triggered": FakeRecorder.bump,
     "decay": _decay,
     "accepted": _accepted,
     "rejected": _rejected,
-    "paused": _paused,
+    "paused": partial(FakeRecorder.turn, phase=Phase.PAUSED),
     "complete": _complete,
     "lost": _lost,
 }

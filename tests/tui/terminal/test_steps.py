@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -10,7 +11,16 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input
 
-from daq.control.messages import AskCheck, Configure, Hello, Lane, Live, Mark, OverrideWarning
+from daq.control.messages import (
+    AskCheck,
+    Configure,
+    Hello,
+    Lane,
+    Live,
+    Mark,
+    OverrideWarning,
+    Phase,
+)
 from daq.vehicle import Corner
 from dbc.words import Finding
 from tui.terminal.app import BenchApp
@@ -23,7 +33,6 @@ from .conftest import screen_text
 from .fake_recorder import BIN_S, FakeRecorder
 from .operated import (
     Make,
-    bench_of,
     check_items,
     check_line,
     cursor,
@@ -60,7 +69,7 @@ async def test_what_is_typed_goes_to_the_recorder_once_it_has_sent_its_bench(
         await pilot.press("enter", *"1552", "ctrl+s")
         await reach(pilot, CheckScreen)
         assert app.operator == "MK2"
-    bench = bench_of(recorder)
+    bench = recorder.bench
     assert bench.vehicle.name == "T5 A1"
     assert [(f.quantity, f.value, f.sigma) for f in bench.vehicle.facts] == [
         ("total_mass_kg", 1552.0, 1.0)
@@ -115,8 +124,15 @@ async def test_a_failure_blocks_and_its_sign_can_be_turned(
         assert orders_of(recorder, Mark) == []
         await pilot.press("i")
         await until(pilot, lambda: orders_of(recorder, Configure))
-    signs = {c.name: c.sign for c in bench_of(recorder).channels}
+    signs = {c.name: c.sign for c in recorder.bench.channels}
     assert (signs["hub_acc_fl"], signs["hub_acc_fr"]) == (-1, 1)
+
+
+async def _checked_again(pilot: Pilot[None], screen: CheckScreen, times: int = 1) -> None:
+    """Let so many periods of the check pass."""
+    for _ in range(times):
+        await screen._check_again()
+    await pilot.pause()
 
 
 async def _push(
@@ -165,21 +181,18 @@ async def test_corners_zero_and_warnings_lead_to_the_baseline(make_app: Make) ->
         await pilot.press("space")
         await pilot.pause()
         assert "hands off the car" in screen_text(app)
-        for _ in range(5):
-            await screen._check_again()
-        await pilot.pause()
+        await _checked_again(pilot, screen, 5)
         assert "travel_fl +3.5 mm" in screen_text(app)
         recorder.check = (*check_items(), NOISY)
         await pilot.press("space")
         await until(pilot, lambda: orders_of(recorder, Configure))
-        for _ in range(6):
-            await screen._check_again()
+        await _checked_again(pilot, screen, 6)
         await until(pilot, lambda: "SPACE = override 1 WARN" in screen_text(app))
         await pilot.press("space", *"old sensor", "enter")
         await until(pilot, lambda: "go on to step 3" in screen_text(app))
         await pilot.press("space")
         await until(pilot, lambda: not isinstance(app.screen, CheckScreen))
-    tares = {c.name: c.tare for c in bench_of(recorder).channels}
+    tares = {c.name: c.tare for c in recorder.bench.channels}
     assert tares["travel_fl"] == 0.0035
     assert not any(tare for name, tare in tares.items() if name != "travel_fl")
     assert OverrideWarning("channel hub_acc_rr", "old sensor") in recorder.orders
@@ -217,7 +230,7 @@ async def test_a_push_is_asked_for_again_and_i_corrects_its_sign(
         assert "SPACE Next" not in screen_text(app)
         await pilot.press("i")
         await until(pilot, lambda: orders_of(recorder, Configure))
-        assert {c.name: c.sign for c in bench_of(recorder).channels}["travel_fr"] == -1
+        assert {c.name: c.sign for c in recorder.bench.channels}["travel_fr"] == -1
         await until(pilot, lambda: recorder.orders.count(Mark("push FR")) == 2)
         await pilot.press("s", *"wall", "enter")
         await until(pilot, lambda: Mark("push RL") in recorder.orders)
@@ -236,7 +249,7 @@ def by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("by_hand")
 async def test_keys_of_the_check_act_on_the_marked_line_alone(make_app: Make) -> None:
-    recorder = _checked(NOISY)
+    recorder = _checked(NOISY, replace(NOISY, text="calibrated on 2020-01-01"))
     app = make_app(recorder)
     async with on_screen(app, CheckScreen, (80, 30)) as (pilot, screen):
         await until(pilot, lambda: "SPACE = push the corners" in screen_text(app))
@@ -250,7 +263,10 @@ async def test_keys_of_the_check_act_on_the_marked_line_alone(make_app: Make) ->
         assert "I inverts the sign of a channel whose line says FAIL" in await pressed(pilot, "i")
         assert "S skips a corner of the push test" in await pressed(pilot, "s")
         assert orders_of(recorder, Configure) == []
-        await pressed(pilot, *["down"] * 20)
+        await _to_line(pilot, screen, NOISY.subject)
+        asked = await pressed(pilot, "o")
+        assert "usual 2; calibrated on 2020-01-01. Why" in asked.replace("│ ", "")
+        await pressed(pilot, "escape", *["down"] * 20)
         assert "hands off the car: 5 s more" in await pressed(pilot, "r")
         assert not screen.next_enabled
         await pressed(pilot, "up")
@@ -258,8 +274,38 @@ async def test_keys_of_the_check_act_on_the_marked_line_alone(make_app: Make) ->
         await pressed(pilot, "r")
         assert "Push DOWN" not in seen(app), "the recorder refused its mark"
         recorder.refuse = ""
+        recorder.turn(Phase.ARMED)
+        await pilot.pause()
+        assert "a run is armed: pause it first" in await pressed(pilot, "2", "r")
+        recorder.turn(Phase.PAUSED)
         assert "Push DOWN at the rear RIGHT, let go" in await pressed(pilot, "r")
         assert recorder.orders[-1] == Mark("push RR")
+        assert "hands off for 5 s" in seen(app), "the zero is not measured while the car is pushed"
+
+
+@pytest.mark.usefixtures("by_hand")
+async def test_a_skipped_corner_that_is_pushed_after_all_counts(make_app: Make) -> None:
+    recorder = _checked()
+    for corner in Corner:
+        await recorder.ask(OverrideWarning(f"push {corner}", "no room"))
+    app = make_app(recorder)
+    async with on_screen(app, CheckScreen, (80, 30)) as (pilot, screen):
+        await until(pilot, lambda: "SPACE = zero" in screen_text(app))
+        recorder.post(Live(0, BIN_S, ()))
+        await _to_line(pilot, screen, "push FR")
+        assert "NOW push FR push DOWN at the front RIGHT" in await pressed(pilot, "r")
+        await _push(pilot, recorder, Corner.FRONT_RIGHT, -1.0)
+        assert "FAIL push FR travel_fr moved the wrong way" in seen(app)
+        assert "1 FAIL: correct it, then SPACE goes on" in seen(app)
+        assert screen._rows[cursor(app)].subject == "push FR"
+        recorder.check = (*check_items(), UPSIDE_DOWN)
+        await _checked_again(pilot, screen, 5)
+        assert screen._rows[cursor(app)].subject == "channel hub_acc_fl", "the one that is new"
+        recorder.check = check_items()
+        recorder.publish(recording="1f" * 16, overrides=())  # the next vehicle
+        await _checked_again(pilot, screen)
+        assert "wait push FR front RIGHT" in seen(app)
+        assert "SPACE = push the corners" in seen(app)
 
 
 @pytest.mark.usefixtures("by_hand")
@@ -272,29 +318,29 @@ async def test_the_zero_is_measured_for_five_seconds_and_a_later_one_waits(make_
             if left == 5:
                 await pressed(pilot, *["down"] * 20, "r")
             else:
-                await screen._check_again()
-                await pilot.pause()
+                await _checked_again(pilot, screen)
             assert f"hands off the car: {left} s more" in seen(app)
-        await screen._check_again()
-        await pilot.pause()
-        assert recorder.orders[-1] == AskCheck(5.0)
+        await _checked_again(pilot, screen)
+        assert recorder.orders[-1] == AskCheck(4.0), "without the part of a second before SPACE"
+        recorder.check = check_items(travel_fl=0.02)  # later, a person leans on the car
+        await _checked_again(pilot, screen)
         assert "travel_fl +3.5 mm" in seen(app)
         for corner in Corner:
             await recorder.ask(OverrideWarning(f"push {corner}", "no room"))
         recorder.publish()
         await pilot.pause()
         assert "SPACE = take this as zero" in seen(app)
+        await pressed(pilot, "space")
+        assert {c.name: c.tare for c in recorder.bench.channels}["travel_fl"] == 0.0035
+        assert "listening" in seen(app), "what was read before is void"
+        assert "hands off the car: 5 s more" in seen(app), "the new zero is measured"
+        recorder.check = check_items()[:-1]
+        await _checked_again(pilot, screen, 5)
+        assert "zero hands off for 5 s" in seen(app), "roll_rate had no reading"
         recorder.check = check_items()
         await pressed(pilot, "space")
-        assert "listening" in seen(app), "what was read before is void"
-        asked = len(orders_of(recorder, AskCheck))
-        for _ in range(3):
-            await screen._check_again()
-        assert len(orders_of(recorder, AskCheck)) == asked
-        await screen._check_again()
-        assert len(orders_of(recorder, AskCheck)) == asked + 1
-        await until(pilot, lambda: "travels and rates read zero at rest" in screen_text(app))
-        assert {c.name: c.tare for c in recorder.bench.channels}["travel_fl"] == 0.0035
+        await _checked_again(pilot, screen, 5)
+        assert "travels and rates read zero at rest" in seen(app)
 
 
 GONE = Lost("the recorder has ended", "all frames up to then are on the disk")
@@ -335,7 +381,6 @@ async def test_the_form_says_what_to_press_while_no_recorder_answers(
         assert "Total mass" in str(screen.query_one("#help").border_title)
 
 
-@pytest.mark.usefixtures("by_hand")
 async def _to_line(pilot: Pilot[None], screen: CheckScreen, subject: str) -> None:
     """Move the cursor to the line on a subject."""
     lines = [row.subject for row in screen._rows].index(subject) - cursor(screen.bench_app)
@@ -343,6 +388,7 @@ async def _to_line(pilot: Pilot[None], screen: CheckScreen, subject: str) -> Non
     assert screen._rows[cursor(screen.bench_app)].subject == subject
 
 
+@pytest.mark.usefixtures("by_hand")
 async def test_the_check_asks_nothing_of_a_recorder_that_is_lost(make_app: Make) -> None:
     recorder = _checked(NOISY, UPSIDE_DOWN)
     app = make_app(recorder)
@@ -359,8 +405,7 @@ async def test_the_check_asks_nothing_of_a_recorder_that_is_lost(make_app: Make)
         recorder.publish()
         await pilot.pause()
         recorder.refuse = "JL is in control"
-        await screen._check_again()
-        await pilot.pause()
+        await _checked_again(pilot, screen)
         assert "JL is in control" in seen(app)
         assert "upside down" in seen(app), "the last answer stays"
         recorder.refuse = ""

@@ -7,39 +7,25 @@ from dataclasses import replace
 import pytest
 
 from daq.alarms.texts import EXPLAINED
-from daq.bench.config import Bench
-from daq.control.messages import (
-    Alarm,
-    Arm,
-    Phase,
-    Status,
-)
+from daq.control.messages import Alarm, Arm, Phase, Status
 from daq.runs import Excitation
 from tui.display.view import headline
 from tui.terminal.campaign import (
     BenchStep,
     NextAction,
     bump_step,
+    in_first_runs,
     in_run,
     next_action,
     progress,
     shown_obstacle,
-    waits_unarmed,
 )
-from tui.terminal.screens.bumping import (
-    tally_rows,
-)
+from tui.terminal.screens.bumping import tally_rows
 from tui.terminal.screens.check import zero_offsets
-from tui.terminal.words import (
-    Signal,
-    accepted_words,
-    banner,
-    last_judged,
-    signal_of,
-)
+from tui.terminal.words import Signal, accepted_words, banner, last_judged, signal_of
 
 from .fake_recorder import DOUBLE_BUMP, GOOD, WALL_NS, FakeRecorder, ready
-from .operated import PLAIN, check_line
+from .operated import PLAIN, check_items
 
 S = 1_000_000_000
 
@@ -97,8 +83,11 @@ def test_the_banner_of_each_state(recorder: FakeRecorder) -> None:
         "The next run arms itself in 3 s.   Bksp = reject", "3",
     ]  # fmt: skip
     recorder.publish(countdown_s=None)
-    assert said(recorder.status)[3:] == ["The last of its kind.   Bksp = reject", ""]
+    assert said(recorder.status)[3:] == ["Pauses after this run.   Bksp = reject", ""]
+    last = replace(recorder.status, due=None)
+    assert said(last)[3:] == ["The last of its kind.   Bksp = reject", ""]
     recorder.publish(countdown_s=2.4)
+    assert said(replace(recorder.status, sensors_alive=0))[3:] == ["Bksp = reject", ""]
     recorder.bump()
     recorder.judge(replace(DOUBLE_BUMP, advice=""))
     assert said(recorder.status)[1:] == [
@@ -123,16 +112,16 @@ def test_steps_are_reached_and_ended_by_what_the_book_says(recorder: FakeRecorde
     assert BenchStep.CHECK.mark == "step check done"
     assert bump_step(recorder.status) is BenchStep.BASELINE
     assert not in_run(recorder.status)
-    assert not waits_unarmed(recorder.status)
+    assert not in_first_runs(recorder.status)
     recorder.turn(Phase.WAITING)
     assert in_run(recorder.status)
-    assert waits_unarmed(recorder.status)
+    assert in_first_runs(recorder.status)
     recorder.finish("baseline")
     assert bump_step(recorder.status) is BenchStep.BASELINE
     recorder.mark("masses")
     assert bump_step(recorder.status) is BenchStep.ADDED
     recorder.turn(Phase.WAITING)
-    assert not waits_unarmed(recorder.status)
+    assert not in_first_runs(recorder.status)
     recorder.finish("added")
     recorder.turn(Phase.COMPLETE)
     assert not in_run(recorder.status)
@@ -171,19 +160,14 @@ def test_an_alarm_of_lost_frames_stops_after_three_seconds(
 
 
 def test_only_an_offset_that_a_tare_can_improve_is_one() -> None:
-    bench: Bench = FakeRecorder().bench
-
-    def offsets(subject: str, *levels: float) -> list[tuple[str, float]]:
-        items = [check_line("OK", subject, "", "", {"level": level}) for level in levels]
-        items.append(check_line("OK", "channel travel_rr", "no sample", "", {}))
-        found = [zero_offsets([item], bench.channels) for item in items]
-        return [(channel.name, level) for each in found for channel, level in each]
-
-    travels = offsets("channel travel_fl", 0.0005, 0.0006, -0.0035)
-    assert travels == [("travel_fl", 0.0006), ("travel_fl", -0.0035)]
-    rates = offsets("channel roll_rate", 0.001, 0.0011, -0.004)
-    assert rates == [("roll_rate", 0.0011), ("roll_rate", -0.004)]
-    assert offsets("message travel_fl", 1.0) == []
+    channels = FakeRecorder().bench.channels
+    largest = check_items(travel_fl=0.0005, travel_fr=-0.0005, pitch_rate=0.001, roll_rate=-0.001)
+    assert zero_offsets(largest, channels) == []
+    over = {"travel_rl": 0.0006, "travel_rr": -0.0035, "pitch_rate": 0.0011, "roll_rate": -0.004}
+    offsets = zero_offsets(check_items(**over), channels)
+    assert offsets is not None
+    assert {channel.name: level for channel, level in offsets} == over
+    assert zero_offsets(check_items()[:-1], channels) is None, "roll_rate has no reading"
 
 
 def _alarm(code: str) -> Alarm:

@@ -9,15 +9,7 @@ from math import nan
 import pytest
 from textual.pilot import Pilot
 
-from daq.control.messages import (
-    Accept,
-    Build,
-    Mark,
-    Reject,
-    SessionState,
-    SessionStatus,
-    Start,
-)
+from daq.control.messages import Accept, Build, Mark, Reject, SessionState, SessionStatus, Start
 from dbc.words import Finding, InputError, Severity
 from tui.jobs.worker import Outcome, identify_session, report_session
 from tui.terminal.app import BenchApp
@@ -40,6 +32,7 @@ from .operated import (
     front,
     judged,
     measured,
+    orders_of,
     outcome,
     playing,
     pressed,
@@ -206,15 +199,18 @@ async def test_report_written_and_the_next_vehicle(
     recorder = measured()
     recorder.mark("identify")
     app = make_app(recorder)
+    worker.hold = True
     async with playing(app, (100, 30)) as pilot:
-        await pilot.press("space")
+        await pressed(pilot, "space", "w")
+        assert not orders_of(recorder, Start), "the report would count as the next vehicle's"
+        worker.go.set()
         await until(pilot, lambda: shows(app, "WRITTEN verdict ok"))
         report = ("/bench/session_0001.html", "/bench/session_0001.pdf")
         assert asked(worker.tasks[-1]) == (report_session, (PATH, *report))
         assert Mark("step report done") in recorder.orders
         await at_every_size(pilot, snapshot, "report")
         await pilot.press("space")
-        assert not [o for o in recorder.orders if isinstance(o, Start)], "SPACE ends nothing"
+        assert not orders_of(recorder, Start), "SPACE ends nothing"
         await pressed(pilot, "w")
         assert Start() in recorder.orders
         assert app.screen is app.get_screen("vehicle")

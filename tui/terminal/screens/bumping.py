@@ -75,19 +75,16 @@ def runs_text(status: Status, glyphs: Glyphs) -> Content:
 
 
 def alarms_text(status: Status, glyphs: Glyphs, width: int) -> Content:
-    """Return the gravest alarm with its advice, and how many others there are; empty without."""
+    """Return the gravest alarm, cut after three lines, and the number of others; empty without."""
     if not status.alarms:
         return Content("")
     alarm, *others = status.alarms
     name = f"{glyphs.warn} {printable(reason_words(alarm.code).upper(), 40)}"
     subject = printable(f"{alarm.subject}: " if alarm.subject else "", 40)
     text = f"{name} {subject}{printable(alarm.text, 120)}: {printable(alarm.advice, 120)}"
-    first_line, *further_lines = wrap(text, width, subsequent_indent="  ")
-    lines = [Content.assemble((name, "bold $error"), first_line.removeprefix(name))]
-    lines += map(Content, further_lines[:2])
-    if others:
-        lines.append(Content(f"{glyphs.warn} and {len(others)} more"))
-    return Content("\n").join(lines)
+    lines = wrap(text, max(width, 20), subsequent_indent="  ", max_lines=3, placeholder=" ...")
+    lines += [f"{glyphs.warn} and {len(others)} more"] if others else []
+    return Content("\n".join(lines)).stylize("bold $error", 0, len(name))
 
 
 _ORDERS: dict[str, tuple[Order, str]] = {
@@ -118,8 +115,7 @@ class HomeScreen(BenchScreen):
 
     def __init__(self) -> None:
         super().__init__()
-        self._view = 0
-        """Number of the chart's first group of lanes; an odd one shows runs, not the sketch."""
+        self._view = 0  # first group of the chart's lanes; an odd one shows runs, not the sketch
 
     def compose_body(self) -> ComposeResult:
         """Compose the banner with the next action, the chart and the lists."""
@@ -213,20 +209,19 @@ class HomeScreen(BenchScreen):
 
     async def action_next(self) -> None:
         """Arm, or go to the step that is due; ask first where the weights change."""
-        app, action = self.bench_app, self._next
-        question = weights_question(app.status)
+        app, action, question = self.bench_app, self._next, weights_question(self.bench_app.status)
+
+        async def arm(confirmed: bool | None) -> None:
+            # Another terminal may have chosen another run while the question was open.
+            if confirmed and action.order is not None and action == self._next:
+                await app.ask(action.order)
+
         if action.step is not None:
             await app.go_to(action.step)
         elif action.order is not None and question and not app.auto:
-            app.push_screen(Confirm(question, "yes, start", "no, not yet"), self._arm)
+            app.push_screen(Confirm(question, "yes, start", "no, not yet"), arm)
         else:
-            await self._arm(True)
-
-    async def _arm(self, confirmed: bool | None) -> None:
-        """Arm, unless the operator has not confirmed the weights."""
-        order = self._next.order
-        if confirmed and order is not None:
-            await self.bench_app.ask(order)
+            await arm(True)
 
     async def action_order(self, name: str) -> None:
         """Send an order on the last verdict, or put the overload lamps out."""
@@ -251,7 +246,7 @@ class HomeScreen(BenchScreen):
                 self.bench_app.inform(f"next: {tally.mass_state} {tally.excitation.words}")
 
     def action_take_back(self) -> None:
-        """Accept a rejected run, with a reason; the journal stores reason and name."""
+        """Accept the last rejected run, with a reason; the journal stores reason and name."""
         run = self._rejected
         if run is None:
             return

@@ -17,10 +17,10 @@ from daq import Channel, Corner, Quantity
 from daq.bench.edit import with_channel
 from daq.check.check import WORDS
 from daq.check.pushes import ORDER, PushResult, judge_push, shows_push, spoken
-from daq.control.messages import AskCheck, Mark, OverrideWarning, Phase, Status
+from daq.control.messages import AskCheck, Mark, OverrideWarning, Status
 from dbc.words import Finding, printable
 
-from ..campaign import BenchStep
+from ..campaign import BETWEEN_RUNS, BenchStep
 from ..widgets import SPACE_INK, Cell, Question, Table, Words
 from .base import MARK_KEYS, BenchScreen
 
@@ -51,24 +51,23 @@ class CheckRow:
 
 
 def push_subject(corner: str) -> str:
-    """Return the subject of the line on a corner."""
+    """Return the subject of the line on the push of a corner."""
     return f"push {corner}"
 
 
 def zero_offsets(
-    items: Sequence[Finding], channels: Sequence[Channel]
-) -> list[tuple[Channel, float]]:
-    """Return the channels that should read zero at rest but do not, each with its level, SI."""
-    levels = {
-        item.subject.removeprefix("channel "): item.figures["level"]
-        for item in items
-        if item.subject.startswith("channel ") and "level" in item.figures
-    }
-    return [
-        (c, levels[c.name])
-        for c in channels
-        if c.quantity in TARED and abs(levels.get(c.name, 0.0)) > _LARGEST_ZERO[c.unit]
-    ]
+    findings: Sequence[Finding], channels: Sequence[Channel]
+) -> list[tuple[Channel, float]] | None:
+    """Return the channels that should read zero at rest but do not, each with its level, SI.
+
+    `findings`: of a check with hands off the car.  None if it lacks a reading of such a channel.
+    """
+    levels = {f.subject: f.figures["level"] for f in findings if "level" in f.figures}
+    readings = [(c, levels.get(f"channel {c.name}")) for c in channels if c.quantity in TARED]
+    known = [(c, level) for c, level in readings if level is not None]
+    if len(known) < len(readings):
+        return None
+    return [(c, level) for c, level in known if abs(level) > _LARGEST_ZERO[c.unit]]
 
 
 _INKS = {OK: "success", WARN: "warning", FAIL: "error", NOW: "accent"}
@@ -77,7 +76,7 @@ _INKS = {OK: "success", WARN: "warning", FAIL: "error", NOW: "accent"}
 PERIOD_S, WINDOW_S = 1.0, 3.0
 """Seconds between two checks, and seconds of samples in each."""
 HANDS_OFF_S = 5.0
-"""Seconds over which the zero is measured."""
+"""Seconds for which hands must be off the car while the zero is measured."""
 _ASK_AGAIN_S = 15.0
 """Seconds of the recording without a push after which it is asked for again."""
 _ZERO = "zero"
@@ -90,18 +89,17 @@ class CheckScreen(BenchScreen):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("r", "again", "Again", tooltip="Repeat the marked push or zero"),
         Binding("o", "override", "Override", tooltip="Override the marked WARN, with a reason"),
-        Binding(
-            "i", "invert", "Invert", tooltip="Invert the sign of the channel of the marked FAIL"
-        ),
+        Binding("i", "invert", "Invert", tooltip="Invert the sign of the marked FAIL's channel"),
         Binding("s", "skip", "Skip", tooltip="Skip the marked corner, with a reason"),
         *MARK_KEYS,
     ]
 
     def __init__(self) -> None:
         super().__init__()
+        self._recording = ""  # identity of the recording whose pushes and zero these are
         self._findings: tuple[Finding, ...] = ()  # of the recorder's last check
+        self._rest_findings: tuple[Finding, ...] = ()  # of its check with hands off; () if none
         self._rows: list[CheckRow] = []  # the lines that are shown
-        self._zeroed = False  # once the recorder has checked samples with hands off the car
         self._corner: Corner | None = None  # whose push is awaited
         self._push_begin_bin = 0  # number of the lanes' bin from which that push is looked for
         self._push_results: dict[Corner, PushResult] = {}
@@ -137,10 +135,13 @@ class CheckScreen(BenchScreen):
             return
         if self._hands_off_s:
             remaining_s = max(0.0, self._hands_off_s - PERIOD_S)
-            if not remaining_s:  # the last period lasts until the answer arrives
-                self._zeroed = await self._request_check(HANDS_OFF_S)
-            if remaining_s or self._zeroed:
-                self._hands_off_s = remaining_s
+            if not remaining_s:  # the last period lasts until the answer; without one, all again
+                # The first period may have begun before SPACE, with hands on the car.
+                if await self._request_check(HANDS_OFF_S - PERIOD_S):
+                    self._rest_findings = self._findings
+                else:
+                    remaining_s = HANDS_OFF_S
+            self._hands_off_s = remaining_s
             self._show()
         elif self._settling_s:
             self._settling_s = max(0.0, self._settling_s - PERIOD_S)
@@ -164,11 +165,15 @@ class CheckScreen(BenchScreen):
     def show_status(self, status: Status) -> None:
         """Show the lines, if the bench is known.
 
-        The mark stays on the line of its subject, but goes to a line that begins to fail.
+        The mark stays on the line of its subject, but goes to a line that begins to fail.  Pushes
+        and zero hold for one recording: the next one is of another car.
         """
         bench = self.bench_app.bench
         if bench is None or not self.query("#explained"):
             return
+        if status.recording != self._recording:
+            self._recording, self._corner, self._hands_off_s = status.recording, None, 0.0
+            self._rest_findings, self._push_results = (), {}
         marked, rows = self._marked, self._current_rows(status, bench)
         self._rows = rows
         lines = self.query_one(Table)
@@ -177,8 +182,8 @@ class CheckScreen(BenchScreen):
             at_subject = (i for i, row in enumerate(rows) if row.subject == marked.subject)
             cursor = next(at_subject, cursor)
         failing = {row.subject for row in rows if row.state == FAIL}
-        if failing - self._failing:  # only once: then the person moves the mark
-            cursor = next(i for i, row in enumerate(rows) if row.state == FAIL)
+        if new := failing - self._failing:  # only once: then the person moves the mark
+            cursor = next(i for i, row in enumerate(rows) if row.subject in new)
         lines.show(("", "", ""), [self._cells(row) for row in rows], cursor)
         self._failing = failing
         self._explain()
@@ -198,21 +203,20 @@ class CheckScreen(BenchScreen):
             skipped = [overridden.get(push_subject(corner)) for corner in ORDER]
             rows += map(self._push_row, ORDER, skipped)
         else:
-            text = "no sensor of this bench can distinguish the corners"
-            rows.append(CheckRow(OK, "push", text))
+            rows.append(CheckRow(OK, "push", "no sensor of this bench can distinguish the corners"))
         return [*rows, self._zero_row(bench)]
 
     def _push_row(self, corner: Corner, reason: str | None) -> CheckRow:
         """Return the line on the push of a corner; `reason`: why a person skipped it, if so."""
         subject, result = push_subject(corner), self._push_results.get(corner)
-        if reason is not None:
-            return CheckRow(WARN, subject, f"skipped: {reason}", overridden=True)
         if corner is self._corner:
             text = result.text if result else f"push DOWN at the {spoken(corner)}, let go"
             return CheckRow(NOW, subject, text)
-        if result is None:
-            return CheckRow(WAIT, subject, spoken(corner))
-        return CheckRow(OK if result.passed else FAIL, subject, result.text, result.advice)
+        if result is not None:  # a skipped corner may be pushed after all
+            return CheckRow(OK if result.passed else FAIL, subject, result.text, result.advice)
+        if reason is not None:
+            return CheckRow(WARN, subject, f"skipped: {reason}", overridden=True)
+        return CheckRow(WAIT, subject, spoken(corner))
 
     def _cells(self, row: CheckRow) -> list[Cell]:
         """Return symbol and state, subject, and text of a line."""
@@ -229,10 +233,10 @@ class CheckScreen(BenchScreen):
         """Return the line on the zero of travels and rates: not or being measured, right or off."""
         if self._hands_off_s:
             return CheckRow(NOW, _ZERO, f"hands off the car: {self._hands_off_s:.0f} s more")
-        if not self._zeroed:
+        offsets, texts = zero_offsets(self._rest_findings, bench.channels), []
+        if offsets is None:
             return CheckRow(WAIT, _ZERO, f"hands off for {HANDS_OFF_S:.0f} s")
-        texts = []
-        for c, level in zero_offsets(self._findings, bench.channels):
+        for c, level in offsets:
             level_text = f"{level * 1e3:+.1f} mm" if c.unit == "m" else f"{level:+.4f} {c.unit}"
             texts.append(f"{c.name} {level_text}")
         if not texts:
@@ -272,10 +276,11 @@ class CheckScreen(BenchScreen):
             return f"{blocked} FAIL: {correct}, then SPACE goes on", None
         if (following := self._next_corner()) is not None:
             return "SPACE = push the corners", partial(self._begin_push, following)
-        if not self._zeroed:
+        offsets = zero_offsets(self._rest_findings, app.bench.channels if app.bench else ())
+        if offsets is None:
             return "SPACE = zero: hands off the car", self._measure_zero
-        if app.bench and zero_offsets(self._findings, app.bench.channels):
-            return "SPACE = take this as zero", self._take_zero
+        if offsets:
+            return "SPACE = take this as zero", partial(self._take_zero, offsets)
         if needs_override := sum(row.needs_override for row in self._rows):
             return f"SPACE = override {needs_override} WARN", self._override_first
         return "SPACE = the bench is fit: go on to step 3 Baseline", self._end_step
@@ -324,12 +329,13 @@ class CheckScreen(BenchScreen):
     # Warnings -----------------------------------------------------------------------------------
 
     def action_override(self) -> None:
-        """Override the marked warning, with a reason and the operator's name."""
+        """Override the marked warning, and others of its subject, with a reason and a name."""
         row = self._marked
         if row is None or not row.needs_override:
             self.bench_app.warn("O overrides a line that says WARN: mark one")
             return
-        self._ask_reason(row.subject, f"{row.text}. Why is that acceptable here?")
+        warnings = [r.text for r in self._rows if r.subject == row.subject and r.needs_override]
+        self._ask_reason(row.subject, f"{'; '.join(warnings)}. Why is that acceptable here?")
 
     def action_skip(self) -> None:
         """Skip the corner whose push is awaited, else the marked one, with a reason."""
@@ -340,7 +346,7 @@ class CheckScreen(BenchScreen):
         self._ask_reason(push_subject(corner), "Why is this corner not pushed?", corner)
 
     def _ask_reason(self, subject: str, question: str, skipped: Corner | None = None) -> None:
-        """Send the recorder the reason for an override; go on after a skipped corner."""
+        """Ask for the reason of an override and send it; go on after a skipped corner."""
 
         async def answered(reason: str | None) -> None:
             if not reason or await self.bench_app.ask(OverrideWarning(subject, reason)) is None:
@@ -369,10 +375,11 @@ class CheckScreen(BenchScreen):
         `acknowledged`: what the sensors saw of the push before.
         """
         app = self.bench_app
-        if app.status is None or app.status.phase is not Phase.IDLE:
+        if app.status is None or app.status.phase not in BETWEEN_RUNS:
             app.warn("a run is armed: pause it first")
             return
         self._push_results.pop(corner, None)
+        self._hands_off_s = 0.0
         self._corner, self._push_begin_bin = corner, app.lanes.end_bin
         self._acknowledged = acknowledged
         self._mark_subject(push_subject(corner))
@@ -435,25 +442,24 @@ class CheckScreen(BenchScreen):
             return
         sign, tare = -channel.sign, -channel.tare
         if await app.configure(lambda text: with_channel(text, channel.name, sign, tare)):
+            self._rest_findings = ()  # the level that was measured has the other sign
             app.inform(f"sign of {channel.name} is now {sign:+.0f}")
             if corner is not None:
                 await self._begin_push(corner)
 
     async def _measure_zero(self) -> None:
         """Begin to measure the zero: hands off the car for some seconds."""
-        self._hands_off_s, self._zeroed = HANDS_OFF_S, False
+        self._hands_off_s, self._rest_findings = HANDS_OFF_S, ()
         self._mark_subject(_ZERO)
 
-    async def _take_zero(self) -> None:
-        """Set the zero of travels and rates to their levels at rest."""
-        channels = self.bench_app.bench.channels if self.bench_app.bench else ()
+    async def _take_zero(self, offsets: Sequence[tuple[Channel, float]]) -> None:
+        """Set the zero of channels to their levels at rest, SI, and measure it again."""
 
         def tared(text: str) -> str:
-            for channel, level in zero_offsets(self._findings, channels):
+            for channel, level in offsets:
                 text = with_channel(text, channel.name, tare=round(channel.tare + level, 7))
             return text
 
         if await self.bench_app.configure(tared):
             self._findings = ()  # readings from before the new zero are invalid
-            self._settling_s = WINDOW_S
-            self._show()
+            await self._measure_zero()

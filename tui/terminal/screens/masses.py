@@ -27,13 +27,7 @@ from .base import MARK_KEYS, BenchScreen
 
 DRAFT = "draft_masses.json"
 BODY = "body"
-NEW_WEIGHT = {
-    "place": BODY,
-    "mass_kg": "",
-    "sigma_kg": "0.01",
-    "position_sigma_m": "0.005",
-    "height_m": "0",
-}
+NEW_WEIGHT = {"place": BODY, "sigma_kg": "0.01", "position_sigma_m": "0.005", "height_m": "0"}
 """Values of the form before anything is typed."""
 _ON_CAR = "the weight must be on the car"
 WEIGHT_FIELDS: tuple[Field, ...] = (
@@ -194,7 +188,7 @@ class MassesScreen(BenchScreen):
 
     def __init__(self) -> None:
         super().__init__()
-        self._filled = False
+        self._recording: str | None = None  # that of the weights shown; None before
         self._entries: tuple[Entry, ...] = ()
 
     def compose_body(self) -> ComposeResult:
@@ -205,7 +199,7 @@ class MassesScreen(BenchScreen):
     @property
     def next_enabled(self) -> bool:
         """True while SPACE does something: not while an entry is wrong or no recorder answers."""
-        return self._filled and not self._error and not self.lost_words
+        return self._recording is not None and not self._error and not self.lost_words
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Show only the keys that do something now."""
@@ -233,10 +227,13 @@ class MassesScreen(BenchScreen):
         app = self.bench_app
         if app.bench is None:
             return
-        if not self._filled:
-            self._filled = True
+        if self._recording is None:
             draft = read_draft(app.folder / DRAFT)
             self._entries = entries_of(app.bench.mass_states[1].added.weights, draft)
+        elif status.recording != self._recording:  # of another car: nothing is bolted to it
+            self._entries = tuple(Entry(weight) for weight in self._weights)
+            (app.folder / DRAFT).unlink(missing_ok=True)
+        self._recording = status.recording
         rows = [
             weight_cells(number, entry, app.glyphs.good, app.glyphs.bad)
             for number, entry in enumerate(self._entries, 1)

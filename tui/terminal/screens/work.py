@@ -49,16 +49,12 @@ class WorkScreen(SessionScreen):
     def __init__(self) -> None:
         super().__init__()
         self.stage = Stage.IDLE
-        self._begun_parts: dict[str, None] = {}
-        """The parts of the work that were begun, in order, each once."""
-        self._failure: BumpbenchError | None = None
-        """Why the work failed; None unless the stage is FAILED."""
+        self._begun_parts: dict[str, None] = {}  # the parts that were begun, each once, in order
+        self._failure: BumpbenchError | None = None  # why the work failed; else None
         self.answer_request = asyncio.Event()
         """Set to end the present work with the answer so far."""
-        self._begun_s = 0.0
-        """Monotonic time at which the work began, s."""
-        self._progress = 0.0
-        """Fraction of the work that is done."""
+        self._begun_s = 0.0  # monotonic time at which the work began, s
+        self._progress = 0.0  # fraction of the work that is done
 
     @property
     def ready(self) -> bool:
@@ -74,7 +70,7 @@ class WorkScreen(SessionScreen):
             yield Words("state")
 
     async def action_cancel(self) -> None:
-        """End the worker; without one, go to the screen of the bumps."""
+        """Stop the work; where none is under way, go to the screen of the bumps."""
         if self.stage in _UNDER_WAY:
             self.workers.cancel_node(self)
             self.begin(Stage.IDLE, self.session)
@@ -284,6 +280,11 @@ class ReportScreen(WorkScreen):
         """True while SPACE does something: neither during the writing nor after it."""
         is_open = self.stage in (Stage.IDLE, Stage.FAILED)
         return is_open or (self.stage is Stage.DONE and self.outdated)
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Show W only while no report is written: it would count as the next vehicle's."""
+        is_writing = action == "new_vehicle" and self.stage in _UNDER_WAY
+        return False if is_writing else super().check_action(action, parameters)
 
     def show_status(self, status: Status) -> None:
         """Take the session of this recording, and leave that of the one before."""
