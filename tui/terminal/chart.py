@@ -35,8 +35,7 @@ class LaneChart(Widget):
         super().__init__()
         self._glyphs = glyphs
         self._rows: list[str] = []
-        self._ranges: dict[str, float] = {}
-        """Value at the upper edge of each scale, in the unit of its lanes."""
+        self._ranges: dict[str, float] = {}  # upper edge of each scale, in its lanes' unit
 
     @property
     def most_lanes(self) -> int:

@@ -16,7 +16,7 @@ from textual.theme import Theme
 from textual.widgets import Input, TextArea
 
 PATIENCE_S = 5.0
-"""Longest wait for the effect of a key, s: as long as a recorder may take for its answer."""
+"""Longest wait for the effect of a key, s: more than a recorder may take to answer an order."""
 LOCK_OUT_S = 0.3
 """Time between two presses, s, below which a key counts as held: keyboards repeat faster."""
 _REPEATING = {"up", "down", "left", "right", "home", "end", "tab", "shift+tab"}
@@ -33,8 +33,7 @@ class KeyboardApp(App[None]):
         super().__init__()
         self._clock = clock
         self._last_press: tuple[str, float] = ("", float("-inf"))  # key, and s of the clock
-        self._inputs: deque[Event] = deque()
-        """Input without effect so far: the first is delivered, the others wait."""
+        self._inputs: deque[Event] = deque()  # without effect so far; only the first is delivered
         self._effect: asyncio.Task[None] | None = None
         """The wait for the effect of the first input; stored, because asyncio does not keep it."""
 

@@ -64,7 +64,7 @@ News = Status | Live | Lost | Role | Setup
 
 
 class RecorderFeed:
-    """The recorder of a folder, over `daq.control.client`; it may end and start again.
+    """The recorder of a folder, over `daq.control.exchange`; it may end and start again.
 
     `name`: name of the person.  `start_recorder`: starts a recorder in the folder, by `attach` and
     when the operator requests it, and returns its process.  `control`: False to look on until a
@@ -80,13 +80,11 @@ class RecorderFeed:
     ) -> None:
         self._folder, self._name, self._control = folder, name, control
         self._start_recorder = start_recorder
-        self._recorder: subprocess.Popen[bytes] | None = None
-        """The recorder that this terminal has started."""
+        self._recorder: subprocess.Popen[bytes] | None = None  # which this terminal has started
         self._stop, self._reconnect = threading.Event(), threading.Event()
         self._take_over = False
         self._client: Client | None = None
-        self._awaited_since_s = 0.0
-        """Monotonic time since which a recorder may be starting, s; -inf once it has answered."""
+        self._awaited_since_s = 0.0  # monotonic, since when one may be starting; -inf: it answers
         self._post: Callable[[News], None] = lambda news: None  # until `start`
         self._posted_loss: Lost | None = None
         """The posted loss; None while the recorder answers, or while a loss is yet to be posted."""
@@ -133,9 +131,8 @@ class RecorderFeed:
         deadline_s = time.monotonic() + 20.0  # as a recorder may need to end
         while is_locked(self._folder):
             if time.monotonic() > deadline_s:
-                raise OrderRefusedError(
-                    f"the recorder in {self._folder} has not ended: see its log"
-                )
+                text = f"the recorder in {self._folder} has not ended: see its log"
+                raise OrderRefusedError(text)
             time.sleep(0.1)
         try:
             self._recorder = self._start_recorder()
@@ -212,7 +209,7 @@ class RecorderFeed:
         return client, Role(self._control)
 
     def _post_news(self, client: Client) -> str:
-        """Post news until the recorder is silent; return what happened, or '' if stopped."""
+        """Post news until the recorder ends or is silent; return that, or '' if asked to stop."""
         silent_s, in_control = 0.0, client.in_control
         while not self._stop.is_set() and not self._reconnect.is_set():
             try:
@@ -254,7 +251,7 @@ class Lanes:
         self._rings.clear()
 
     def add(self, live: Live) -> None:
-        """Add live samples; bins older than the newest only fill gaps."""
+        """Add live samples; late ones, older than the newest, do not move the end."""
         n_received = max((len(lane.low) for lane in live.lanes), default=0)
         if not n_received:
             return
@@ -330,7 +327,7 @@ def lane_specs(bench: Bench | None, first_group: int, most_lanes: int) -> list[L
     """Return the lanes to draw: those of the body, then of each quantity at the wheels.
 
     `bench`: None while it is not known; then there are none.  `first_group`: number of the group
-    to begin with, modulo the number of groups; others follow in turn where they fit completely.
+    to begin with, modulo the number of groups; it may be cut, others follow where they fit whole.
     """
     if bench is None:
         return []

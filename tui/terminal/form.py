@@ -36,6 +36,7 @@ class Field:
     high: float = math.inf
     """Limits of a number, which it may equal."""
     reason: str = ""
+    """Why a number has these limits."""
     help: str = ""
     needed: bool = False
     choices: tuple[str, ...] = ()
@@ -59,7 +60,7 @@ class Field:
         return f"{self.help} ({self.limit})"
 
     def error(self, mistake: str, limit: str = "") -> FieldError:
-        """Return an error in this field; `limit`: if not the field's own is missed."""
+        """Return an error in this field; `limit`: in words, if it is another than the field's."""
         return FieldError(self.name, f"{self.label}: {mistake} (limit: {limit or self.limit})")
 
     def check(self, typed: str) -> FieldError | None:
@@ -93,7 +94,7 @@ class FieldError:
 
 
 def check_fields(fields: Iterable[Field], values: Values) -> tuple[FieldError, ...]:
-    """Check each field by itself."""
+    """Return the error of each field that has one by itself, in the order of the fields."""
     return tuple(e for field in fields if (e := field.check(values.get(field.name, ""))))
 
 
@@ -147,8 +148,7 @@ class Form(VerticalScroll, can_focus=False):
         self._fields: dict[str, Field] = {}
         self._inputs: dict[str, Input | Select[str] | Checkbox] = {}
         self._labels: dict[str, Label] = {}
-        self._announced: dict[str, str] = {}
-        """The values as the form set them or announced them last."""
+        self._announced: dict[str, str] = {}  # the values as set by the form or announced last
 
     def compose(self) -> ComposeResult:
         """Compose the groups."""

@@ -204,10 +204,7 @@ def _sentence(text: str) -> str:
 
 
 class HelpScreen(ModalScreen[None]):
-    """One page, with the keys of the screen below; Esc, SPACE or F1 closes it.
-
-    `page`: as `page_of`.
-    """
+    """A page of `page_of`, with the keys of the screen below; Esc, SPACE or F1 closes it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape,space,enter,q", "dismiss", "Close")]
 

@@ -45,13 +45,14 @@ from ...daq.a_status import a_status
 from .fake_recorder import BIN_S, FakeRecorder
 from .operated import PLAIN, alone, text
 
+GONE = RecorderGoneError("here", "no recorder is running there", "start one")
+
 
 def test_a_recorder_that_cannot_be_reached_is_not_said_to_be_absent(tmp_path: Path) -> None:
     listener = RecorderFeed(tmp_path, "MK", lambda: None)
-    gone = RecorderGoneError("here", "no recorder is running there", "start one")
-    assert listener._loss_of(gone) == Lost("no recorder is running there", "start one")
+    assert listener._loss_of(GONE) == Lost("no recorder is running there", "start one")
     with FileLock(tmp_path / "recorder.lock"):
-        said = listener._loss_of(gone)
+        said = listener._loss_of(GONE)
     assert said.text == "a recorder writes there, but does not answer here"
     assert "another HOME" in said.advice
 
@@ -64,7 +65,7 @@ def test_a_recorder_is_lost_where_its_process_is_gone_or_takes_too_long(
 
     def refused(*_: object, **__: object) -> NoReturn:
         tried.release()
-        raise RecorderGoneError("here", "no recorder is running there", "start one")
+        raise GONE
 
     monkeypatch.setattr(feed, "Client", refused)
     monkeypatch.setattr(feed, "RETRY_S", 0.01)
@@ -112,15 +113,13 @@ def test_a_recorder_that_does_not_come_up_is_reported_with_the_reason_in_its_log
     monkeypatch.setattr(feed, "is_running", lambda _: False)
     listener = RecorderFeed(tmp_path, "MK", lambda: process)
     listener.attach()
-    gone = RecorderGoneError("here", "no recorder is running there", "start one")
-    lost = listener._loss_of(gone)
+    lost = listener._loss_of(GONE)
     assert lost.text == words
     if end:
         assert "recorder.log" in lost.advice
         assert not listener._is_starting(), "one that has ended is not waited for"
 
 
-GONE = RecorderGoneError("here", "no recorder is running there", "start one")
 STATUS = replace(a_status(5), controller="JL")
 
 
@@ -151,14 +150,12 @@ class Scripted:
         self.in_control = control
 
     def ask(self, order: Order, timeout_s: float = 0.0) -> Reply:
-        """Answer, unless it is an order to arm."""
         Scripted.asked.append((order, timeout_s))
         if isinstance(order, Arm):
             raise RecorderGoneError("here", "it has ended", "start one")
         return Reply()
 
     def news(self, timeout_s: float) -> Status | None:
-        """Bring the next news."""
         Scripted.looks.append(timeout_s)
         if Scripted.ends and not Scripted.script:
             raise RecorderGoneError("here", "the recorder has ended", "start one")
@@ -343,11 +340,9 @@ class _Charted(App[None]):
     asked = 0
 
     def compose(self) -> ComposeResult:
-        """Show the chart."""
         yield LaneChart(PLAIN)
 
     def on_lane_chart_resized(self) -> None:
-        """Count."""
         self.asked += 1
 
 

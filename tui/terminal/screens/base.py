@@ -48,8 +48,7 @@ class BenchScreen(Screen[None]):
 
     def __init__(self) -> None:
         super().__init__()
-        self._actions: list[tuple[str, bool]] = []
-        """The actions of the keys, and whether each does something now."""
+        self._actions: list[tuple[str, bool]] = []  # of each key, with whether it does something
 
     @property
     def bench_app(self) -> BenchApp:
@@ -176,10 +175,7 @@ def step_line(status: Status | None, here: BenchStep | None, good: str) -> Conte
 
 
 def top_line(app: BenchApp, width: int) -> Content:
-    """Return vehicle, day and operator as far as they fit, and the state of the bench (`_health`).
-
-    Without a recorder that answers, return this instead.
-    """
+    """Return vehicle, day and operator as far as they fit, and `_health`; or that none answers."""
     status, lost = app.status, app.lost
     if lost is not None:
         again = "RECORDER LOST: X = start it again (in a field Esc, then X)"

@@ -111,8 +111,8 @@ def check_vehicle(values: Values) -> tuple[FieldError, ...]:
     total_kg = measured.get(FactQuantity.TOTAL_MASS, math.nan)
     if abs(axles_kg - total_kg) > 0.01 * total_kg:
         reason = f"the axles carry {axles_kg:g} kg together, the total is {total_kg:g} kg"
-        error = _FIELDS[FactQuantity.TOTAL_MASS].error(reason, "axles and total within 1 %")
-        errors.append(error)
+        field = _FIELDS[FactQuantity.TOTAL_MASS]
+        errors.append(field.error(reason, "axles and total within 1 %"))
     if not any(values.get(f"bump.{e}") == YES for e in Excitation):
         reason = "no kind of bump is chosen: nothing would be bumped"
         errors.append(_FIELDS["bump.bounce"].error(reason, "at least one kind"))
@@ -184,8 +184,7 @@ class VehicleScreen(BenchScreen):
     def __init__(self) -> None:
         super().__init__()
         self._filled = False
-        self._typed: dict[str, str] = {}
-        """Entries that are typed and not stored yet, by their field."""
+        self._typed: dict[str, str] = {}  # entries that are typed and not stored yet, by field
 
     def compose_body(self) -> ComposeResult:
         """Compose the form, and a box for help on the field."""
