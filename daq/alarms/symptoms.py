@@ -160,7 +160,7 @@ class BusWatch:
         if status.state is BusState.BUS_OFF:
             yield fault("bus_off", name, self.error_text)
             return
-        n_errors = sum(cycle.n_errors for cycle in self.recent)
+        n_errors = sum(cycle.n_errors for cycle in self.recent[1:])
         if link.interface_down:
             advice = f"`sudo ip link set {name.split()[-1]} up` brings it up again"
             yield fault("interface_down", name, "the interface is down", advice)
@@ -252,7 +252,7 @@ class Traffic:
 
     def __init__(self, codec: Codec, expected: Sequence[str], missing: dict[str, int]) -> None:
         self._codec, self._expected, self._missing = codec, expected, missing
-        self._began_s: float | None = None
+        self._began_s: float | None = None  # monotonic time of the first frames
         self._known: dict[str, _LastFrame] = {}
         self._unknown_s: dict[str, float] = {}  # monotonic time of the last frame, by identifier
 

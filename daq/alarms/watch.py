@@ -69,7 +69,7 @@ class Watch:
         self.overloaded: tuple[str, ...] = ()
         """Channels that reached the end of their range since `acknowledge`."""
         self._bus_watches: list[BusWatch] = []
-        self._missing: dict[str, int] = {}  # frames by message, by the counters
+        self._missing: dict[str, int] = {}  # missing frames, by message
         self._alarms: dict[Key, Alarm] = {}
         self._seen_s: dict[Key, float] = {}  # when the symptom of an alarm was last present
         # Monotonic time, s, and counts of each cycle with a fault in the last second.

@@ -177,10 +177,10 @@ def frozen(bench: Bench, window: RunWindow, signals: tuple[Trace, ...]) -> Itera
     """Find channels that held one value (`Hold.is_frozen`), as the identification does.
 
     The rate at which a healthy channel changes its value is that of the channel itself at rest.
-    Each bump moves the suspensions and the body up and down, so for a channel that is constant it
-    is the largest rate of others of its quantity.  Where all of them are constant although others
-    move, each sample should change.  Roll and pitch may be silent by symmetry: a constant channel
-    of them is not judged if no other one moves.
+    Each bump moves the suspensions and the body up and down, so for a channel that is constant, or
+    has too few samples at rest, it is the largest rate of others of its quantity.  Where all of
+    them are constant although others move, each sample should change.  Such a channel of roll or
+    pitch, which may be silent by symmetry, is not judged.
     """
     holds = [longest_hold(t.time_s, t.value, -BEFORE_S, bench.campaign.bump_s) for t in signals]
     all_constant = all(hold.constant for hold in holds)
