@@ -175,7 +175,7 @@ def checked_channel(channel: Channel) -> Channel:
     if channel.sign not in (1, -1):
         raise ValueError("its sign is not 1 or -1")
     try:
-        date.fromisoformat(channel.calibrated or "2026-05-31")
+        date.fromisoformat(channel.calibrated or "2026-05-31")  # empty: not stated
     except ValueError as error:
         raise ValueError("calibrated is not a day like 2026-05-31") from error
     # Both have a field of this size in a session file.
@@ -262,7 +262,7 @@ _BENCH = TypeAdapter(Bench)
 
 
 def campaign_limits(key: str) -> tuple[float, float]:
-    """Return the lowest and the highest value of a number of `[campaign]`."""
+    """Return the lowest and the highest value of a number of `[campaign]`, in its unit there."""
     limits = TypeAdapter(Campaign).json_schema()["properties"][key]
     return float(limits["minimum"]), float(limits["maximum"])
 

@@ -48,7 +48,7 @@ def control_address(folder: Path) -> Path:
         raise InputError(str(folder), "has a name that is not UTF-8", "rename it") from error
     owners = {os.getuid()}
     with suppress(OSError):
-        owners.add(folder.stat().st_uid)
+        owners.add(folder.stat().st_uid)  # the user of the service, if it is another
     if _ownership_fault(_SERVICE, owners) == "" and is_running(_SERVICE / name):
         return _SERVICE / name
     state = Path(os.environ.get("XDG_STATE_HOME") or "~/.local/state").expanduser()

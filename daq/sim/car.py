@@ -125,7 +125,7 @@ class SimulatedCar:
     def draw(
         self, channels: Sequence[Channel], mass_states: Sequence[MassState], seed: int
     ) -> Truth:
-        """Draw the differences of true sensors and weights from their description.
+        """Return true sensors, clocks and weights, which differ from their description by a draw.
 
         `channels` and `mass_states`: the description; its sigmas are the spreads of the draw.
         `seed`: the same seed gives the same campaign.

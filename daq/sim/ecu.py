@@ -1,4 +1,4 @@
-"""Simulates the sensors' controllers: each message has its own clock, all share one bus."""
+"""Simulates the sensors' controllers: each message has its own clock, those of a bus share it."""
 
 from __future__ import annotations
 
