@@ -50,11 +50,11 @@ class Likelihood:
 
 
 def likelihood_of(
-    estimation: Estimation, elements: Sequence[str] = (), point: tuple[Floats, Floats] | None = None
+    estimation: Estimation, shared: Sequence[str] = (), point: tuple[Floats, Floats] | None = None
 ) -> Likelihood:
     """Return the likelihood of a session as a quadratic of the common unknowns.
 
-    The common unknowns are the parameters and, for a car that is not linear, the named `elements`.
+    The common unknowns are the parameters and, for a car that is not linear, the elements `shared`.
 
     `point`: common unknowns, (p,), and the others, (q,), about which it is a quadratic.  Without
     `point`, for a nonlinear fit, and for one stored without its decays it is about the session's
@@ -63,7 +63,7 @@ def likelihood_of(
     fit, p = estimation.fit, len(estimation.box.parameters)
     if estimation.nonlinear is not None:
         index_of_element = estimation.nonlinear.elements
-        common = np.array([*range(p), *(index_of_element[name] for name in elements)])
+        common = np.array([*range(p), *(index_of_element[name] for name in shared)])
         # The covariance of the intervals, which may be wider than the information says.
         covariance = fit.covariance[np.ix_(common, common)]
         determined = np.flatnonzero(np.isfinite(np.diag(covariance)))
@@ -233,7 +233,7 @@ class Change:
             case "other":
                 text = (
                     "Something changed, and it is none of the parameters alone: look for friction,"
-                    " a sensor, the load, or more than three parameters at once."
+                    " a sensor, the load, or several parameters at once."
                 )
             case _:
                 text = "The sessions are not described by the same parameters: no joint fit."
@@ -327,7 +327,7 @@ def _tested(
     along one of these directions.  A fit that is not linear, or has no decays, has only its own
     parameters.
 
-    `points`: the parameters of each session, (p,).  `likelihoods`: those of the sessions there.
+    `points`, (n_sessions, p): common unknowns of each.  `likelihoods`: of the sessions there.
     """
     directions = np.eye(len(points[0]))
     if all(e.nonlinear is None and e.decays for e in estimations):

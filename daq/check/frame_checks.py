@@ -70,6 +70,7 @@ class Arrivals:
         return float(np.quantile(np.abs(interval_s - np.median(interval_s)), 0.99))
 
     def __str__(self) -> str:
+        """Return the identifier in hexadecimal, with an x behind it if it has 29 bits."""
         return f"{self.can_id:#x}" + ("x" if self.is_extended else "")
 
 
@@ -177,15 +178,14 @@ def check_messages(
     lines: list[Finding] = []
     for name in dict.fromkeys([*(m.message.name for m in mapped), *sorted(carriers)]):
         message, arrivals = keeping.messages[name], table.known.get(name)
-        severity = FAIL if name in used else WARN
+        worst = FAIL if name in used else WARN
         if arrivals is None:
             width = " with 29 bits" if message.is_extended else ""
             text = f"no frame with identifier {message.can_id:#x}{width}"
             advice = "is the sensor on, set to this identifier, and set to send?"
-            lines.append(Finding("absent", severity, text, f"message {name}", advice))
+            lines.append(Finding("absent", worst, text, f"message {name}", advice))
             continue
-        counter = counters.get(name)
-        received = len(arrivals.frames)
+        counter, received = counters.get(name), len(arrivals.frames)
         rate_hz = arrivals.rate_hz * (received + (counter.missing if counter else 0)) / received
         faults = [
             *_rate_faults(message, arrivals, rate_hz, table, name in keeping.clocks),
@@ -197,7 +197,8 @@ def check_messages(
             buses = " and ".join(map(str, arrivals.buses))
             advice = "describe each as a [[sensor]] with its bus; for a log, import one with --bus"
             text = f"comes on the buses {buses}: two sensors read as one"
-            faults.insert(0, ("mixed_buses", severity, text, advice))
+            faults.insert(0, ("mixed_buses", FAIL, text, advice))
+        faults = [(code, min(s, worst), text, advice) for code, s, text, advice in faults]
         if not faults:
             text = f"{rate_hz:.1f} Hz, jitter {1e3 * arrivals.jitter_s:.2f} ms"
             faults = [("rate", OK, text, "")]
@@ -215,8 +216,7 @@ def _rate_faults(
     their time, so that its counter needs no cycle time.
     """
     silent_s = (table.end_ns - int(arrivals.frames.t_ns[-1])) * 1e-9
-    # Ten cycles, or 0.5 s, are longer than any jitter.
-    if silent_s > max(0.5, 10 * (message.cycle_s or 0.0)):
+    if silent_s > max(0.5, 10 * (message.cycle_s or 0.0)):  # longer than any jitter
         yield "stale", FAIL, f"silent for the last {silent_s:.2f} s", "check plug and power"
     state_cycle = f"state cycle_ms = {1e3 / rate_hz:.3g} for it" if rate_hz else "check its power"
     if message.cycle_s is None:

@@ -55,13 +55,13 @@ _NO_TRAVEL = words(
 
 
 def plain_name(text: str, fallback: str) -> str:
-    """Return a name of ASCII letters, digits and underscores that begins with a letter."""
+    """Return text as a name of ASCII letters, digits, underscores; `fallback` if none is left."""
     plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in text).strip("_") or fallback
     return plain if plain[0].isalpha() else f"s_{plain}"
 
 
 def corner_by_name(name: str, message: str) -> tuple[Corner, str] | None:
-    """Return the wheel that a name or that of its message states, and what states it, in words."""
+    """Return the wheel that a name or its message's states, and which does; None if unclear."""
     words_of_source = {
         "name": words(name),
         "end of the name": {name.lower()[-2:]},

@@ -112,7 +112,7 @@ def propose_sensors(
 
 
 def _usable(decoded: Decoded, full: str, factor: float = 1.0) -> Trace:
-    """Return times and values, times a factor, of a signal's usable, finite samples; or none."""
+    """Return stamps, ns, and values times a factor, of a signal's usable, finite samples."""
     samples = decoded.samples.get(full)
     if samples is None:
         return np.zeros(0, np.int64), np.zeros(0)
@@ -180,7 +180,7 @@ def find_sensors(databases: Databases, frames: FrameBatch) -> tuple[list[FoundSe
 def _offsets(
     messages: Sequence[MessageLayout], traffic: Mapping[Key, Arrivals], claimed: set[Key]
 ) -> list[tuple[int, int]]:
-    """Return bus and identifier offset of further devices, those with the most messages first."""
+    """Return bus and identifier offset of unclaimed devices, those with the most messages first."""
     rates_hz = {(can_id, is_extended): a.rate_hz for (_, can_id, is_extended), a in traffic.items()}
     votes: Counter[tuple[int, int]] = Counter()
     for key, arrivals in traffic.items():

@@ -161,4 +161,4 @@ def _is_opposed(
         return False
     correlation = product / np.sqrt(powers[0] * powers[1])
     without_lag = float(correlation[len(lags_s) // 2])  # the middle of the lags is 0
-    return without_lag < -0.5 and -without_lag >= float(np.max(correlation))
+    return without_lag < -0.5 and -without_lag >= float(np.max(correlation))  # half in common

@@ -213,6 +213,8 @@ def test_an_absent_message_fails_if_it_is_used(quantity: Quantity, verdict: Seve
     (line,) = checked(message(), sent(beats(100), 0x123), quantity=quantity)
     assert (line.code, line.severity) == ("absent", verdict)
     assert line.text == "no frame with identifier 0x100"
+    slow = checked(message(), sent(beats(300, 0.02)), quantity=quantity)
+    assert found(slow) == {"rate": verdict}
 
 
 def test_a_message_that_numbers_the_samples_of_others_must_come() -> None:

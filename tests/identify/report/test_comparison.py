@@ -242,7 +242,7 @@ def test_a_change_is_said_in_a_line(made: Change, sentence: str) -> None:
         (
             "other",
             "Something changed, and it is none of the parameters alone: look for friction, a "
-            "sensor, the load, or more than three parameters at once.",
+            "sensor, the load, or several parameters at once.",
             "Test that everything is unchanged: chi2 0.0 on 0 degrees of freedom, chance 1.",
         ),
         (
