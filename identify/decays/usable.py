@@ -224,10 +224,10 @@ def frozen(records: Sequence[Record]) -> tuple[ChannelHold, ...]:
     def usual_rate(hold: ChannelHold) -> float:
         """Return the changes per sample of the channel when it is healthy; NaN if not known."""
         rate = hold.longest.rest_rate
-        # Of one value in the whole run, or with too few samples at rest: as in the run's repeats.
+        # Of one value in the whole run, or with too few samples at rest: as in repeats with a rate.
         if hold.longest.length_s >= FROZEN_S and (hold.longest.constant or np.isnan(rate)):
             of_kind = [h for h in holds if (h.channel, h.kind) == (hold.channel, hold.kind)]
-            rates = [h.longest.decay_rate for h in of_kind if h.run != hold.run]
+            rates = [r for h in of_kind if h is not hold and (r := h.longest.decay_rate) >= 0.0]
             rate = float(np.mean(rates)) if rates else np.nan
         return rate
 

@@ -188,13 +188,9 @@ def test_scales_are_offered_until_both_axles_are_known(
 
 
 def test_a_tape_is_offered_for_the_lengths_that_are_not_known() -> None:
-    base, front, rear = (
-        FactQuantity.WHEELBASE, FactQuantity.FRONT_TRACK, FactQuantity.REAR_TRACK,
-    )  # fmt: skip
+    base, front, rear = FactQuantity.WHEELBASE, FactQuantity.FRONT_TRACK, FactQuantity.REAR_TRACK
     after = offered(plan())["measure wheelbase, front track, rear track by tape to 3 mm"]
-    assert [(f.quantity, f.sigma) for f in after.facts] == [
-        (base, 0.003), (front, 0.003), (rear, 0.003),
-    ]  # fmt: skip
+    assert [(f.quantity, f.sigma) for f in after.facts] == [(q, 0.003) for q in (base, front, rear)]
     given = plan(facts=(Fact(front, 1.5, 0.01),))
     assert "measure wheelbase, rear track by tape to 3 mm" in offered(given)
     measured = plan(geometry=FORD_GRANADA.geometry)

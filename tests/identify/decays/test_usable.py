@@ -158,6 +158,14 @@ def test_a_coarse_channel_that_only_the_bump_moves_is_not_frozen() -> None:
     assert reasons(session(shown, hidden, shown)) == ["", "", ""]
 
 
+def test_a_run_that_ends_early_hides_no_frozen_channel_of_its_repeats() -> None:
+    short = {name: sent(_time < 1.3, seed) for seed, name in enumerate("ab")}
+    held = {"a": sent(WHOLE), "b": (_time, np.full(len(_time), 3.0))}
+    good, ended, frozen = reasons(session(GOOD, short, held))
+    assert (good, frozen) == ("", "b held one value for 2.99 s (limit 0.20 s)")
+    assert "it ends 0.05 s after" in ended
+
+
 def test_a_channel_of_one_value_in_all_runs_is_unused() -> None:
     def held(value: float) -> dict[str, tuple[Array, Array]]:
         return {**GOOD, "c": (_time, np.full(len(_time), value))}
@@ -170,15 +178,13 @@ def test_a_channel_of_one_value_in_all_runs_is_unused() -> None:
     assert unused(session(GOOD)) == []
 
 
-# Alternates by 0.02, so that this is the usual change and the curvature ---------------------------
+# Values that no motion shows, and spikes ----------------------------------------------------------
 
-
-Values = NDArray[np.float64]
 SPOILT = "baseline_bounce_2"
 NAME = "body_acc_z"
 
 
-def spoilt(session: Session, change: Callable[[Values], Values], run: str = SPOILT) -> Session:
+def spoilt(session: Session, change: Callable[[Array], Array], run: str = SPOILT) -> Session:
     """Change the values of a channel in the runs whose label begins so."""
 
     def of_group(group: SampleGroup) -> SampleGroup:
@@ -187,8 +193,8 @@ def spoilt(session: Session, change: Callable[[Values], Values], run: str = SPOI
     return with_group(session, run, NAME, of_group)
 
 
-def one_sample(value: float) -> Callable[[Values], Values]:
-    def change(values: Values) -> Values:
+def one_sample(value: float) -> Callable[[Array], Array]:
+    def change(values: Array) -> Array:
         values[400] = value
         return values
 
@@ -230,7 +236,7 @@ def test_a_vehicle_is_identified_beside_them(
     campaign: Session,
     whole: Identification,
     where: str,
-    change: Callable[[Values], Values],
+    change: Callable[[Array], Array],
     code: str,
 ) -> None:
     """It ended with a warning of NumPy or an OverflowError, or took minutes."""
@@ -248,12 +254,12 @@ REST = np.where(np.arange(1000) % 2, 9.79, 9.81)
 """Alternates by 0.02, so that this is the usual change and the curvature over two samples is 0."""
 
 
-def found(values: Values, time_s: Values = TIME_S) -> list[tuple[int, int]]:
+def found(values: Array, time_s: Array = TIME_S) -> list[tuple[int, int]]:
     return [(one.start, one.stop) for one in spikes(time_s, values)]
 
 
-def rest(first: int, values: list[float]) -> Values:
-    spoilt_rest: Values = REST.copy()
+def rest(first: int, values: list[float]) -> Array:
+    spoilt_rest: Array = REST.copy()
     spoilt_rest[first : first + len(values)] = values
     return spoilt_rest
 
@@ -310,7 +316,7 @@ def test_a_sample_beside_a_gap_is_none(missing: int, is_found: bool) -> None:
 def test_one_percent_of_the_samples_are_errors_more_are_the_signal(
     count: int, is_found: bool
 ) -> None:
-    values: Values = REST.copy()
+    values: Array = REST.copy()
     values[40 : 40 + 80 * count : 80] = 0.0
     assert len(found(values)) == count * is_found
 
@@ -329,7 +335,7 @@ def test_no_motion_is_a_spike_however_coarsely_sampled(stress: str) -> None:
 
 
 def with_zero_at(session: Session, at_s: float) -> Session:
-    def change(values: Values) -> Values:
+    def change(values: Array) -> Array:
         values[round(at_s * 200.0)] = 0.0
         return values
 
