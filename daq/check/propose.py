@@ -170,7 +170,7 @@ def find_sensors(databases: Databases, frames: FrameBatch) -> tuple[list[FoundSe
             if keys and not keys & claimed:
                 claimed |= keys
                 ids = ", ".join(f"{key[1]:#x}" for key in sorted(keys))
-                why = f"is {ids} yours, of this kind? Length and rate are as in its messages"
+                why = f"is {ids} yours, of this kind? Its frames are like those of the database"
                 sensor = Sensor("", name, bus_position=bus, id_offset=offset)
                 present.append(FoundSensor(sensor, why, False))
     with_traffic = {each.sensor.database for each in present}

@@ -75,7 +75,7 @@ def opposed_signs(runs: Sequence[Run], channels: Sequence[Channel]) -> tuple[Fin
     for corner in Corner:
         travel, hub = travels.get(corner, ""), hubs.get(corner, "")
         pairs = [
-            # An acceleration integrated twice is a displacement.
+            # An acceleration integrated twice is a displacement; 0 Hz does not count.
             (s, s.of[travel], -s.of[hub] / (2 * np.pi * np.maximum(s.hz, 0.1)) ** 2)
             for s in spectra
             if {travel, hub} <= set(s.of)

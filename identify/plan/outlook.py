@@ -103,7 +103,8 @@ def _channel_groups(plan: Plan) -> dict[ChannelGroup, float]:
     for sensor in plan.sensors:
         c = sensor.channel
         lateness_and_filter = (c.delay_s, c.delay_sigma_s, c.low_pass_hz, c.low_pass_order)
-        groups[(c.signal.rpartition(".")[0], sensor.rate_hz, *lateness_and_filter)].append(c)
+        message = c.signal.rpartition(".")[0]
+        groups[(message, sensor.rate_hz, *lateness_and_filter)].append(c)
     return {ChannelGroup(key[0], tuple(channels)): key[1] for key, channels in groups.items()}
 
 

@@ -136,7 +136,7 @@ def box_of(campaign: Campaign) -> GreyBox:
 
 
 def _clean_recordings(campaign: Campaign, state: MassState, case: Excitation) -> list[Recording]:
-    """Return what the sensors see in one case of one mass state."""
+    """Return what the sensors see in one case of one mass state, without noise."""
     loaded = physical_model(FORD_GRANADA).with_mass(delta_mass(state.added, FORD_GRANADA.a).real)
     response = exact_response(loaded, case, BUMP, campaign.rate_hz, RECORD_S)
     motion = response.displacement, response.velocity, response.acceleration
@@ -150,7 +150,7 @@ def _clean_recordings(campaign: Campaign, state: MassState, case: Excitation) ->
 
 
 def _noise_stds(campaign: Campaign, state: MassState) -> list[Floats]:
-    """Return the standard deviation of the noise of each group's channels in one mass state."""
+    """Return each group's noise, as stds of channels, from the paper's cases in a mass state."""
     noise_share = 10 ** (-campaign.noise_db / 20)
     by_case = [_clean_recordings(campaign, state, case) for case in PAPER_CASES]
     return [

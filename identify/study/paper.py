@@ -400,13 +400,13 @@ def fig9_study(rate_hz: float, noise_db: float, seed: int) -> Study:
     free, free_low = time > BUMP.end_s, time_low > BUMP.end_s + half / rate_hz
     names = [channel.name for channel in noisy.group.channels]
     titles = {"z_s": "Body, vertical (z_s)", "z_uA": "Front left hub (z_uA)"}
-    columns = [names.index(name) for name in titles]
-    signal, signal_low = clean.values[:, columns], clean_low[:, columns]  # (n_samples, 2)
-    noise, noise_low = noisy.values[:, columns] - signal, noisy_low[:, columns] - signal_low
+    indices = [names.index(name) for name in titles]
+    signal, signal_low = clean.values[:, indices], clean_low[:, indices]  # (n_samples, 2)
+    noise, noise_low = noisy.values[:, indices] - signal, noisy_low[:, indices] - signal_low
     decibels = 20.0 * np.log10(_rms(signal[free]) / _rms(noise[free]))
     decibels_low = 20.0 * np.log10(_rms(signal_low[free_low]) / _rms(noise_low[free_low]))
     y_label, panels = "acceleration / (m/s²)", []
-    for c, title in zip(columns, titles.values(), strict=True):
+    for c, title in zip(indices, titles.values(), strict=True):
         curves = ("noisy", time, noisy.values[:, c], 0), ("filtered", time_low, noisy_low[:, c], 2)
         whole, enlarged = (
             tuple(
