@@ -88,16 +88,15 @@ LOOKED_AT = [at("a", phase) for phase in (Phase.IDLE, Phase.ARMED, Phase.COMPLET
         ({"keep_on": False}, [at("a", Phase.COMPLETE), BUILDING], False, [STOP], False),
         ({"keep_on": False}, [at("a", Phase.COMPLETE), BUILDING, READY], False, [STOP], True),
         ({"keep_on": False}, [at("a", Phase.ARMED), BUILDING, READY], True, [STOP], True),
+        # One that a terminal has ended needs no order of ours: a signal ends the recorder.
+        ({"keep_on": False}, [BUILDING], True, [], False),
+        ({"keep_on": False}, [BUILDING, READY], True, [], True),
         # A status from before the order shows the file of the runs until then.
         ({"keep_on": False}, [OLDER_FILE, OLDER_FILE, BUILDING], False, [STOP], False),
     ],
 )
 def test_recordings_are_armed_and_ended_once(
-    options: dict[str, bool],
-    statuses: list[Status],
-    end: bool,
-    orders: list[Order],
-    stopped: bool,
+    options: dict[str, bool], statuses: list[Status], end: bool, orders: list[Order], stopped: bool
 ) -> None:
     engine = Engine()
     one = daemon(engine, **options)
@@ -170,38 +169,30 @@ class All:
         """For how long no client has been there, s, look by look."""
 
     def run(self, stop: threading.Event, publish: Publish, is_watched: Any) -> None:
-        """Record."""
         self._runs(stop, publish, is_watched)
 
     def publish(self, status: Status, live: object) -> None:
-        """Note what clients get."""
         self.published.append((status, live))
 
     def has_clients(self) -> bool:
-        """Return whether there is one."""
         return self.clients
 
     def alone_s(self) -> float:
-        """Return for how long none was there, s."""
         return self.looks.pop(0) if self.looks else 0.0
 
     def storage(self) -> StorageStatus:
-        """Return what the disk has."""
         return self.stored
 
     def heartbeats(self) -> None:
         """None beats."""
 
     def notify(self, *_: object) -> str:
-        """Say nothing."""
         return ""
 
     def stopping(self) -> None:
-        """Note it."""
         self.said.append("stopping")
 
     def close(self) -> None:
-        """Note it."""
         self.said.append("closed")
 
 
@@ -263,7 +254,7 @@ def test_a_signal_ends_at_once_only_what_goes_on_after_a_campaign(
     keep_on: bool, tmp_path: Path
 ) -> None:
     """Else the recording is ended first, and its session file built."""
-    status = replace(a_status(), recording="")
+    status = BUILDING
     shown: list[tuple[float, str]] = []
     enough = threading.Event()
     stopped: list[bool] = []
@@ -283,7 +274,7 @@ def test_a_signal_ends_at_once_only_what_goes_on_after_a_campaign(
         one = made(All(records), log, keep_on=keep_on)
         one.run(stage)
     assert stopped == [keep_on]
-    assert shown[0] == (1.0, "between two campaigns, recording goes on")
+    assert shown[0] == (1.0, "building the session file")
     text = (tmp_path / "a.log").read_text()
     assert "recording Granada into" in text
 

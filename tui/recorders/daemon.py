@@ -44,8 +44,6 @@ from .traffic import Traffic
 
 BY = "record"
 """Author, in the journal, of the daemon's own orders."""
-_ALONE_S = 10.0
-"""Seconds without a terminal after which a demonstration ends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,14 +146,11 @@ class _Daemon:
 
     def run(self, stage: Stage) -> Status:
         """Record until the recorder has ended; return its last status, or raise its failure."""
-        follows = self.traffic.follow is not None
         with ThreadPoolExecutor(1, "writer") as executor:
             recording = executor.submit(
-                self.recorder.run,
-                self._stop,
-                self._publish,
-                lambda: follows or self.server.has_clients(),
-            )
+                self.recorder.run, self._stop, self._publish,
+                lambda: self.traffic.follow is not None or self.server.has_clients(),
+            )  # fmt: skip
             try:
                 while wait([recording], 0.1).not_done:  # s
                     self._supervise(stage)
@@ -170,7 +165,7 @@ class _Daemon:
         """End the recorder if it is time, give it orders, and report its last status."""
         end = self.lifetime.end
         needs_terminal = self.lifetime.attended and not end.is_set()
-        if needs_terminal and self.server.alone_s() > _ALONE_S:
+        if needs_terminal and self.server.alone_s() > 10.0:
             self.log.line("the last terminal has gone, and a demonstration ends with it")
             end.set()
         if end.is_set() and (self.lifetime.keep_on or self._status is None):
@@ -205,6 +200,8 @@ class _Daemon:
             self._stop_reply = self.recorder.submit(Stop(), BY)
         elif self._stop_reply is not None and self._stop_reply.done():
             self._act_on_stop(self._stop_reply, status, end)
+        elif must_stop and not recording and status.session.state is not SessionState.BUILDING:
+            self._stop.set()  # a terminal has ended the campaign, and its session file is built
 
     def _act_on_stop(self, reply: Future[Reply], status: Status, end: bool) -> None:
         """End the recorder once its stopped campaign has a session file, unless it keeps on.

@@ -39,15 +39,9 @@ def simulated_traffic(path: Path | None, speed: float, fault: str, seed: int = 1
     bench = replace(load_bench(path), origin=Origin.SIMULATED)
     newest: list[Status] = []  # one status at most, which the car acts on
     simulated = SimulatedBench(
-        bench,
-        bench_codec(bench),
-        SimulatedCar(),
-        seed,
-        speed,
-        lambda: newest[0] if newest else None,
-        Fault(fault) if fault else None,
-        time.time_ns(),
-    )
+        bench, bench_codec(bench), SimulatedCar(), seed, speed,
+        lambda: newest[0] if newest else None, Fault(fault) if fault else None, time.time_ns(),
+    )  # fmt: skip
 
     def open_source(_: BusConfig, number: int) -> FrameSource:
         return simulated.other(number) if number else simulated.open()
