@@ -73,7 +73,7 @@ class Guard:
     ) -> AsyncGenerator[None]:
         """Serve `pages` below the prefix, and nothing else, until the block ends.
 
-        `most_bytes`: largest body of a request; that of `pages` itself counts for nothing.
+        `most_bytes`: largest body of a request, whatever limit `pages` itself has.
         """
         guarded = web.Application(middlewares=[self._check], client_max_size=most_bytes)
         guarded.on_response_prepare.append(_add_headers)

@@ -14,6 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 
 from daq import InputError
+from daq.control.address import group_readable
 from daq.formats.reader import optional
 
 
@@ -123,9 +124,10 @@ def display_beside(
         yield None
         return
     listen_on(host)[1].close()
-    options = ["--display", host, "--operator", operator, "--json"]
-    options += ["--control"] if control else []
-    command = [sys.executable, "-m", "tui", "display", str(folder.resolve()), *options]
+    with group_readable():
+        folder.mkdir(parents=True, exist_ok=True)  # the terminal's recorder is started only later
+    options = ["--display", host, "--operator", operator, *(["--control"] if control else [])]
+    command = [sys.executable, "-m", "tui", "display", str(folder.resolve()), "--json", *options]
     pipe = subprocess.PIPE
     with (
         TemporaryFile("w+") as errors,  # not a pipe, which somebody would have to read

@@ -27,13 +27,8 @@ from ..terminal.feed import Lost, News, RecorderFeed
 from .link import Served, listen_on
 from .view import order_of, view
 
-BEAT_S = 1.0
-"""Longest time between two messages, s: a page that has heard nothing for three of them reports
-the line lost."""
 TRIES = 5
 """Wrong numbers in a minute after which none is accepted: to try a million then takes 140 days."""
-LOCKED_S = 60.0
-"""Time for which no number is accepted then, s."""
 _COOKIE = "bumpbench_control"
 _FILES = Path(__file__).with_name("page")
 _POLICY = (
@@ -101,7 +96,7 @@ class Control:
 
         `now_s`: of a clock that is never set.
         """
-        self._wrong_s = [wrong_s for wrong_s in self._wrong_s if now_s - wrong_s < LOCKED_S]
+        self._wrong_s = [wrong_s for wrong_s in self._wrong_s if now_s - wrong_s < 60.0]
         if len(self._wrong_s) >= TRIES:
             return "", "too many wrong numbers: wait a minute"
         digits = "".join(typed.split())
@@ -174,7 +169,7 @@ class Follower:
                 sent = self._state
                 yield b"event: view\ndata: %s\n\n" % sent
             try:
-                async with asyncio.timeout(BEAT_S):
+                async with asyncio.timeout(1.0):  # s; after 3 s of silence a page says NO LINE
                     await changed.wait()
             except TimeoutError:
                 yield b"event: beat\ndata: \n\n"
@@ -240,8 +235,10 @@ class DisplayServer:
     async def _grant(self, request: web.Request) -> web.Response:
         """Give a page control for the number that is shown at the terminal."""
         body = await _json_body(request)
-        if self._control is None or body is None:
+        if self._control is None:
             return _refusal(403, "this display only looks on")
+        if body is None:
+            return _refusal(403, "that was not sent by this page")
         key, reason = self._control.grant(str(body.get("number", "")), time.monotonic())
         if reason:
             return _refusal(403, reason)

@@ -77,6 +77,8 @@ def test_an_accepted_run_counts_down(recorder: FakeRecorder) -> None:
     assert (page.done, page.planned) == (1, 12)
     recorder.publish(countdown_s=2.0)
     assert shown(recorder).headline.digits == "2"
+    recorder.publish(sensors_alive=0)  # the countdown stands still, before there is an alarm
+    assert (shown(recorder).headline.digits, shown(recorder).headline.advice) == ("", "")
     recorder.publish(countdown_s=None)
     assert shown(recorder).headline.digits == ""
     assert shown(recorder).headline.advice == "Pauses after this run."
