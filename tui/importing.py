@@ -12,6 +12,7 @@ from daq import InputError, Run, Session
 from daq.bench.campaign import Origin, Step
 from daq.bench.channel_map import ChannelMap
 from daq.bench.config import Bench
+from daq.bus.source import HopLosses
 from daq.check.frame_checks import mixed_messages
 from daq.check.signs import opposed_signs
 from daq.files import file_sha256
@@ -117,7 +118,7 @@ def import_channels(
             runs += [given_run(channel_map, samples, *stated) for stated in channel_map.runs]
             continue
         file_bumps = bumps_in(channel_map, samples)
-        if not file_bumps and (one_run_each or len(files) == 1):
+        if not file_bumps and (one_run_each or (path == files[-1] and not n_bumps)):
             advice = "see [trigger], or give the times in [[run]]"
             raise InputError(str(path), "no channel leaves its rest as a bump does", advice)
         first_step = i if one_run_each else n_bumps - skip  # index; below 0: the bump is skipped
@@ -143,19 +144,24 @@ def _log_parts(
     With `one_run_each` each log is one, also a log without a frame.
     """
     intakes: list[Intake] = []
+    earlier_losses = HopLosses()  # of the logs before the present one in its stretch
     n_bumps = n_frames = 0
     for i, source in enumerate(sources):
         if one_run_each:
             intakes.append(Intake(bench, codec))
+            earlier_losses = HopLosses()
         of_buses = filter(len, (batch.on_buses(buses) for batch in source))
         for k, batch in enumerate(of_buses):
             follows = k > 0 or one_run_each or (intakes and intakes[-1].goes_on_with(batch))
             if not follows:
                 intakes.append(Intake(bench, codec))
-            n_bumps += intakes[-1].take(batch, source.hops)
+                earlier_losses = HopLosses()
+            # `hops` counts from the beginning of each log anew.
+            n_bumps += intakes[-1].take(batch, earlier_losses.plus(source.hops))
             n_frames += len(batch)
             done = (i + source.read_fraction) / len(sources)
             stage(done, f"{counted(n_frames, 'frame')}, {counted(n_bumps, 'bump')}")
+        earlier_losses = earlier_losses.plus(source.hops)
     return [intake.part() for intake in intakes]
 
 

@@ -139,10 +139,7 @@ def test_a_run_that_lies_across_two_files_of_one_logger_is_whole(
     counts = [line for line in shown if "frames" in line[1]]
     assert counts[-1] == (1.0, "4,800 frames, 4 bumps")
     assert (0.5, "700 frames, 1 bump") in counts
-    assert shown[len(counts) :] == [
-        (1.0, "reading the logs' hashes"),
-        (1.0, "writing the session"),
-    ]
+    assert shown[len(counts) :] == [(1.0, "reading the logs' hashes"), (1.0, "writing the session")]
 
 
 def test_a_loss_in_the_log_is_reported_and_is_exit_code_3(
@@ -251,6 +248,14 @@ def test_lines_that_are_lost_are_counted_in_one_run(
     assert f"{len(rows) - 1} records unreadable" in err
     runs = daq.read_session(Path(out)).runs
     assert 0 < sum(one.losses.bus_garbled for one in runs) <= len(rows) - 1
+    text = log.read_text()
+    seam = text.index("\n", len(text) * 9 // 10) + 1  # in the last run; each log counts anew
+    parts = [tmp_path / "1.log", tmp_path / "2.log"]
+    parts[0].write_text(text[:seam])
+    parts[1].write_text(text[seam:])
+    words = ["import", *map(str, parts), bench, "--out", out, "--force"]
+    losses = [one["losses"]["bus_garbled"] for one in answered(capsys, *words, code=3)[0]["runs"]]
+    assert (min(losses), sum(losses)) == (0, len(rows) - 1)
 
 
 # Channels that are decoded already ----------------------------------------------------------------
@@ -361,6 +366,8 @@ def test_bumps_are_left_out_at_the_beginning_and_named_in_the_order_given(
     quiet = str(recorded / "quiet.csv")
     assert run(["import", quiet, *words[2:]]) == 2
     assert "no channel leaves its rest" in capsys.readouterr().err
+    assert run(["import", quiet, quiet, *words[2:]]) == 2
+    assert "no channel leaves its rest" in capsys.readouterr().err
     assert run(["import", drive, quiet, *words[2:]]) == 0, "of several files one may be quiet"
     capsys.readouterr()
     assert run(["import", "--run", f"baseline:roll:{quiet}", *words[2:]]) == 2
@@ -382,11 +389,7 @@ def journal(folder: Path, origin: Origin, bump: int) -> str:
 
 @pytest.mark.parametrize(
     ("origins", "imported"),
-    [
-        (["real"], "real"),
-        (["simulated"], "simulated"),
-        (["log", "replayed"], "replayed"),
-    ],
+    [(["real"], "real"), (["simulated"], "simulated"), (["log", "replayed"], "replayed")],
 )
 def test_the_origin_of_a_journal_is_that_of_the_session(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], origins: list[str], imported: str

@@ -57,8 +57,8 @@ def import_(
         reason = "names both files and --run" if files else "names no file"
         advice = "name files, or --run MASS_STATE:EXCITATION:FILE each"
         raise InputError("import", reason, advice)
-    if one_run_each and not channels and (runs or skip):
-        raise InputError("import", "--runs and --skip are for logs of many runs", "leave them out")
+    if one_run_each and (runs or skip):
+        raise InputError("import", "--runs and --skip are for files of many runs", "leave them out")
     files += [Path(file) for *_, file in runs_of_files]
     inputs = [path for path in (*files, config, dbc, channels) if path is not None]
     refuse_existing(out, replace=force, inputs=inputs)
