@@ -233,16 +233,13 @@ def test_several_buses_have_a_column_and_can_be_chosen_without_a_bench(
     rows = [line.split(",") for line in capsys.readouterr().out.splitlines()]
     assert rows[0] == ["time_s", "message", "signal", "value", "unit"]
     assert [row[3] for row in rows[1:]] == ["0.1", "0.1"]
+    assert answered(capsys, *command, "--bus", "1")[0]["frames"] == 2, "of this bus"
     assert run([*command, "--bus", "front"]) == 2
     assert "write its number" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
-    ("unit", "shown"),
-    [
-        ("=1+1", "'=1+1"),
-        ("a\x1b[2Jb", "a\N{REPLACEMENT CHARACTER}[2Jb"),
-    ],
+    ("unit", "shown"), [("=1+1", "'=1+1"), ("a\x1b[2Jb", "a\N{REPLACEMENT CHARACTER}[2Jb")]
 )
 def test_units_are_text_for_a_spreadsheet_and_a_terminal(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, dbc: Path, unit: str, shown: str

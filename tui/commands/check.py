@@ -71,6 +71,8 @@ def check(
         described = load_bench(bench) if log else shared_bench(bench, interface, channel)
         at_rest = None
     else:
+        if push and log is None and interface is None:
+            raise InputError("--push", "is for a log or a live bus", "name a log or --interface")
         inputs = [path for path in (bench, log, *(dbc or [])) if path is not None]
         refuse_existing(propose, replace=force, option="--propose", inputs=inputs)
         known = load_bench(bench)

@@ -58,10 +58,10 @@ def decode(
         codec = load_codec(dbc) if dbc else parse_codec(shipped_dbc(), "the shipped DBC")
         chosen_buses = frozenset(map(int, bus or []))
     say_left_out(codec)
-    totals: Counter[str] = Counter()  # frames of the log, and those that no message decodes
+    totals: Counter[str] = Counter()  # frames of the chosen buses, and those not decoded
     samples: Counter[str] = Counter()  # of each signal
     buses_in_log: set[int] = set()
-    for batch in Log([log]):
+    for batch in Log([log]):  # until a second bus is seen
         buses_in_log |= set(batch.on_buses(chosen_buses).bus.tolist())
         if len(buses_in_log) > 1:
             break
@@ -70,8 +70,8 @@ def decode(
     writer = csv.writer(sys.stdout, lineterminator="\n")
     frames = Log([log])
     for batch in frames:
-        totals.update(frames=len(batch))
         wanted = batch.on_buses(chosen_buses)
+        totals.update(frames=len(wanted))
         times_ns: list[NDArray[np.int64]] = []
         rows: list[Row] = []
         for bus_number in np.unique(wanted.bus).tolist() if several_buses else [None]:
@@ -92,7 +92,7 @@ def decode(
     if not samples:
         database = dbc or bench or "the shipped DBC"
         reason = f"none of its {counted(totals['frames'], 'frame')} is in {database}"
-        raise InputError(str(log), reason, "name the DBC of that bus with --dbc")
+        raise InputError(str(log), reason, "name the DBC of that bus with --dbc, or another --bus")
     if json:
         output.print_json({"log": str(log), **totals, "samples": samples})
     n_frames = totals.pop("frames")

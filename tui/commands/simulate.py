@@ -63,7 +63,8 @@ def simulate(
     from identify.numbers import number
 
     if push is not None and (fast or json or recorder):
-        raise InputError("--push", "goes on until Ctrl-C, in real time", "leave out the rest")
+        advice = "leave out --recorder, --fast and --json"
+        raise InputError("--push", "goes on until Ctrl-C, in real time", advice)
     if recorder is not None and fast:
         raise InputError("--recorder", "waits for a recorder, in real time", "leave out --fast")
     described = shared_bench(bench, interface, channel)
