@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from dataclasses import asdict
 from math import isfinite
 
@@ -93,7 +94,7 @@ def _corrections_table(estimation: Estimation) -> Table:
     # Factor from SI, and unit, by the kind of correction; places are in mm.
     units = {"delay": (1e3, "ms"), "gain": (100.0, "%"), "": (1.0, "kg")}
     rows = []
-    for p, correction in enumerate(box.stated, len(box.parameters)):
+    for p, correction in enumerate(box.stated, len(box.parameters)):  # after the parameters in eta
         factor, unit = units.get(correction.kind, (1e3, "mm"))
         sigma, value, std = factor * correction.sigma, factor * fit.eta[p], factor * stds[p]
         texts = (f"{sigma:.3g}", f"{value:+.3f}", f"{std:.3f}", unit, f"{value / sigma:+.2f}")
@@ -146,10 +147,9 @@ def run_section(session: Session, result: Identification) -> Section:
 
 def provenance_section(session: Session, result: Identification, source: Source) -> Section:
     """Return the section of hashes, versions, channels and settings."""
-    trace = [
-        ("libraries", ", ".join(f"{name} {version}" for name, version in source.libraries.items()))
-    ]
-    # File, program and their hashes are in the certificate, decisions on runs in that of the runs.
+    libraries = ", ".join(f"{name} {version}" for name, version in source.libraries.items())
+    trace = [("libraries", libraries)]
+    # These are shown in other words below, or (the failed checks of runs) in other sections.
     texts = ("bench_toml", "dbc", "verdicts", "notes", "overrides")
     trace += [(plain(k), v) for k, v in session.provenance.items() if k not in texts]
     trace += [("note", text) for text in notes_of(session.provenance)]
@@ -208,8 +208,9 @@ def certificate_section(session: Session, result: Identification, source: Source
     )
     signatures = (("operator", source.operator, "", ""), ("approved by", source.approver, "", ""))
     overridden = [text.partition(": ") for text in overrides_of(session.provenance)]
-    waived = [("warning overridden", subject, why) for subject, _, why in overridden]
-    waived += [
+    decided = [("warning overridden", subject, why) for subject, _, why in overridden]
+    decided += [("run accepted by hand", *run) for run in _accepted_by_hand(session)]
+    decided += [
         ("run not used", run.label, "; ".join(run.reasons))
         for run in session.runs
         if not run.is_accepted
@@ -223,10 +224,10 @@ def certificate_section(session: Session, result: Identification, source: Source
         Table("Result", ("", ""), tuple((name, text or _UNSTATED) for name, text in citation)),
         Table("Signed", ("", "name", "date", "signature"), signatures),
     ]
-    if waived:
+    if decided:
         title = "What was overridden, and why"
-        note = "Warnings that were overridden, and runs that were decided by hand or refused."
-        blocks.append(Table(title, ("", "what", "why"), tuple(waived), note))
+        note = "Warnings, runs that a person accepted though a check failed, and runs not used."
+        blocks.append(Table(title, ("", "what", "why"), tuple(decided), note))
     columns = ("channel", "measures", "signal", "serial number", "calibrated")
     note = "Serial number and day of calibration are those of bench.toml."
     blocks.append(Table("Sensors", columns, sensors, note))
@@ -239,6 +240,19 @@ def certificate_section(session: Session, result: Identification, source: Source
     )
 
 
+def _accepted_by_hand(session: Session) -> list[tuple[str, str]]:
+    """Return label and failed checks of each accepted run that the recorder had rejected."""
+    try:
+        verdicts = json.loads(session.provenance.get("verdicts", "{}"))
+        failed = {
+            run.label: "; ".join(f["text"] for f in verdicts.get(run.label, ()) if not f["passed"])
+            for run in session.accepted
+        }
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):  # not the recorder's
+        return []
+    return [(label, texts) for label, texts in failed.items() if texts]
+
+
 # The report ---------------------------------------------------------------------------------------
 
 
@@ -247,7 +261,7 @@ def report_of(
 ) -> Report:
     """Return the report of a session.
 
-    `checks` are those of the result's estimation, empty if there is none.
+    `session`: as it was read.  `checks`: of the result's estimation, empty if there is none.
     """
     session, estimation = usable_session(session), result.estimation
     sections: list[Section] = []
@@ -264,6 +278,7 @@ def report_of(
         ]
         if result.quality.verdict is Verdict.REFUSED:
             sections = [section.marked() for section in sections]
+        # After the results of the fit, and not marked: it is what was given.
         sections.insert(2 if result.forces else 1, vehicle_section(session, estimation))
     sections += [
         certificate_section(session, result, source),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from io import BytesIO, StringIO
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -73,11 +73,11 @@ class Shape:
     """Its frequency and damping as text."""
     frequency_hz: float
     motion: NDArray[np.complex128]
-    """Displacements of `daq.vehicle.DOF`, turned so that most of it is real, m, shape (7,)."""
+    """Displacements of `daq.vehicle.DOF`, (7,) m and rad, enlarged and turned to be mostly real."""
     geometry: VehicleGeometry
 
     def displacement(self, phase: float) -> NDArray[np.float64]:
-        """Return the displacements, (7,) m, at a phase of the motion, rad; damping is left out."""
+        """Return the displacements, (7,) m and rad, at a phase of the motion, rad, undamped."""
         return np.asarray((self.motion * np.exp(1j * phase)).real)
 
 
@@ -166,12 +166,10 @@ class Report:
 PALETTE = ("#7f7f7f", "#0072b2", "#d55e00", "#009e73", "#cc79a7")
 """Grey for what is compared with, then four of Okabe and Ito's colours."""
 
-INK = "#262626"
-FAINT = "#d9d9d9"
+INK, FAINT = "#262626", "#d9d9d9"
 
-WIDTH_IN = 7.4
-"""Width of a page of A4 between its margins, inches."""
-HALF_IN = 3.62
+WIDTH_IN, HALF_IN = 7.4, 3.62
+"""Widths of a page of A4 between its margins, and of one of two figures side by side, inches."""
 
 SETTINGS: Mapping[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -179,14 +177,11 @@ SETTINGS: Mapping[Any, Any] = {
     "axes.titlesize": 10.0,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
-    "axes.labelcolor": INK,
-    "axes.edgecolor": INK,
     "axes.linewidth": 0.8,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "text.color": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
+    **dict.fromkeys(("axes.labelcolor", "axes.edgecolor"), INK),
+    **dict.fromkeys(("text.color", "xtick.color", "ytick.color"), INK),
     "svg.fonttype": "none",  # text stays text, which can be searched and read aloud
     "svg.hashsalt": "bumpbench",  # so that the same study gives the same bytes
 }
@@ -196,7 +191,7 @@ LOOK: Mapping[Any, Any] = {**SETTINGS, "font.size": 8.0, "axes.titlesize": 8.5}
 
 
 def figure_of(picture: Picture) -> Figure:
-    """Draw on a new matplotlib figure."""
+    """Return a new matplotlib figure with a picture on it."""
     import matplotlib
     from matplotlib.figure import Figure
 
@@ -208,17 +203,20 @@ def figure_of(picture: Picture) -> Figure:
 
 def svg_of(picture: Picture) -> str:
     """Return a picture as an SVG document, with its letters as text and not as outlines."""
-    import matplotlib
-
-    text = StringIO()
-    figure = figure_of(picture)
-    with matplotlib.rc_context(dict(LOOK)):
-        figure.savefig(text, format="svg", metadata={"Title": picture.title, "Date": None})
-    return text.getvalue()
+    metadata = {"Title": picture.title, "Date": None}
+    return _saved(picture, format="svg", metadata=metadata).decode()
 
 
 def png_of(picture: Picture) -> bytes:
     """Return a picture as a PNG file."""
+    return _saved(picture, format="png", dpi=200, metadata={"Software": None})
+
+
+def _saved(picture: Picture, **options: Any) -> bytes:
+    """Return a picture as a file; its ticks are placed only now, in the size of their letters."""
+    import matplotlib
+
     data = BytesIO()
-    figure_of(picture).savefig(data, format="png", dpi=200, metadata={"Software": None})
+    with matplotlib.rc_context(dict(LOOK)):
+        figure_of(picture).savefig(data, **options)
     return data.getvalue()

@@ -193,9 +193,7 @@ def test_a_change_stands_with_its_interval_share_and_chance() -> None:
     assert table.columns == (
         "what changed", "", "#by", "#from", "#to", "unit", "#share", "#chance",
     )  # fmt: skip
-    assert texts(table) == [
-        ["k_sf", "differs", "+200", "180", "220", "N/m", "+1.000 %", "1e-05"],
-    ]
+    assert texts(table) == [["k_sf", "differs", "+200", "180", "220", "N/m", "+1.000 %", "1e-05"]]
     assert table.note == (
         "Test that all else is unchanged: chi2 8.0 on 9 degrees of freedom, chance 0.53."
     )  # fmt: skip

@@ -13,9 +13,11 @@ from io import BytesIO
 from math import nan
 from typing import Any
 
+import matplotlib
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
+from matplotlib.artist import Artist
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.text import Text
 from pypdf import PdfReader
 from pypdf.generic import Destination
@@ -32,6 +34,7 @@ from identify.report.cars import moving_car, outline, shape_of
 from identify.report.content import report_of
 from identify.report.evidence import CrossChecks, envelope
 from identify.report.page import (
+    LOOK,
     REFUSED,
     Gallery,
     MovingCars,
@@ -332,8 +335,17 @@ def test_parameters_and_modes_are_named_with_their_numbers() -> None:
         plots.modes(result, "loaded")
     with pytest.raises(InputError, match="the linear model explains the decays"):
         plots.dampers(result)
-    empty = Picture("empty", "", "", 1.0, 1.0, lambda _: None)
-    assert png_of(empty).startswith(b"\x89PNG")
+    letter_sizes = list[float]()
+
+    class Probe(Artist):
+        def draw(self, _: object) -> None:
+            letter_sizes.append(matplotlib.rcParams["font.size"])
+
+    def draw(figure: FigureBase) -> None:
+        figure.add_artist(Probe())
+
+    assert png_of(Picture("probed", "", "", 1.0, 1.0, draw)).startswith(b"\x89PNG")
+    assert set(letter_sizes) == {LOOK["font.size"]}, "its ticks are placed as in the SVG"
 
 
 def test_a_refused_session_has_no_figures() -> None:

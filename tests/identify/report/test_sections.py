@@ -48,9 +48,7 @@ def modes(*pairs: tuple[float, float]) -> tuple[ModeEstimate, ...]:
 def result(swapped: bool = True) -> Identification:
     """Return two modes in two mass states that change their order, and what was found of them."""
     order = [1, 0] if swapped else [0, 1]
-    pairing = Pairing(
-        np.array([0, 1]), np.array(order), ONES, ((0, 1),) if swapped else ()
-    )  # fmt: skip
+    pairing = Pairing(np.array([0, 1]), np.array(order), ONES, ((0, 1),) if swapped else ())
     lengths = {n: estimate(1.0 + i, 0.1, "m") for i, n in enumerate(("a", "b", "t_f", "t_r"))}
     two = model(-3.0 + 4.0j, -1.0 + 60.0j)
     return Identification(

@@ -220,8 +220,10 @@ def certificate(made: Session, result: Identification, **source: Any) -> dict[st
 
 
 def test_a_certificate_cites_session_software_persons_sensors_and_what_was_waived() -> None:
-    waived = [{"subject": "hub_fl", "reason": "taped: loose", "by": "AE"}]
-    made = session(uuid="one", origin="simulated", overrides=json.dumps(waived))
+    overrides = json.dumps([{"subject": "hub_fl", "reason": "taped: loose", "by": "AE"}])
+    checks = [{"passed": False, "text": "too small"}, {"passed": True, "text": "whole"}]
+    verdicts = json.dumps({f"baseline_roll_{n}": checks for n in (1, 2)})
+    made = session(uuid="one", origin="simulated", overrides=overrides, verdicts=verdicts)
     quality = Judgement((Finding("wide", Severity.WARNING, "wide intervals"),), 1.0)
     cited = replace(result(), quality=quality, provenance=made.provenance)
     found = certificate(made, cited, issued="2026-11-22", approver="B. Head")
@@ -243,6 +245,7 @@ def test_a_certificate_cites_session_software_persons_sensors_and_what_was_waive
     ]  # fmt: skip
     assert found["What was overridden, and why"] == [
         ["warning overridden", "hub_fl", "taped: loose (AE)"],
+        ["run accepted by hand", "baseline_roll_1", "too small"],
         ["run not used", "baseline_roll_2", "a wheel lifted; by AE"],
     ]
     assert found["Sensors"] == [
