@@ -66,12 +66,9 @@ def reachable(bench: Bench, where: str) -> Bench:
     from daq import InputError
 
     if any(bus.interface == "virtual" for bus in bench.buses):
-        raise InputError(
-            where,
-            "interface virtual does not reach other processes",
-            "name your bus: --interface socketcan --channel can0; without any hardware:"
-            " --interface udp_multicast --channel 239.74.163.2",
-        )
+        advice = "name your bus: --interface socketcan --channel can0; without any hardware:"
+        advice += " --interface udp_multicast --channel 239.74.163.2"
+        raise InputError(where, "interface virtual does not reach other processes", advice)
     return bench
 
 

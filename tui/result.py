@@ -8,9 +8,9 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from identify import Estimate, Identification, Verdict
-from identify.fit.uncertainty import ModeEstimate
 from identify.nonlinear.forces import Forces
-from identify.numbers import NOT_DETERMINED, largest_share, number, rounded
+from identify.numbers import largest_share, number
+from identify.report.parameters import mode_text
 from identify.words import (
     SEVERITY,
     damper_columns,
@@ -93,15 +93,6 @@ def print_forces(forces: Forces) -> None:
         print_line(f"elements {answer}: {', '.join(names)}")
 
 
-def _mode_text(mode: ModeEstimate) -> str:
-    """Return frequency and damping ratio of a mode, as `1.23 Hz 25.1 %`."""
-    frequency, ratio = mode.frequency, mode.damping_ratio
-    if not (frequency.determined and ratio.determined):
-        return NOT_DETERMINED
-    percent, *_ = rounded(*(100.0 * share for share in (ratio.value, ratio.low, ratio.high)))
-    return f"{value_text(frequency)} Hz {percent} %"
-
-
 def _print_modes(result: Identification) -> None:
     """Write frequency and damping of the modes; each row is one mode, also if its rank changes."""
     first_state, *other_states = result.modes
@@ -114,7 +105,8 @@ def _print_modes(result: Identification) -> None:
     rows = []
     for rank, name in enumerate(result.mode_names[first_state]):
         modes = (column.get(rank) for column in columns.values())
-        rows.append([f"{rank + 1} {name}"] + [_mode_text(mode) if mode else "" for mode in modes])
+        texts = (mode_text(mode, " ") if mode else "" for mode in modes)
+        rows.append([f"{rank + 1} {name}", *texts])
     print_table("Modes (frequency, damping ratio)", ["", *columns], rows)
     for state in other_states:
         for i, j in result.pairings[state].swapped:

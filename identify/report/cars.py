@@ -24,7 +24,7 @@ of: `spring`, `pillar`, `plate` or `wheel`."""
 
 _EYE = np.array([5.2, 5.6, 3.1])
 """Position of the viewer, m from the middle of the car: in front, left, above."""
-_ACROSS = 4
+_ACROSS = 4  # stills in a row
 
 
 def shape_of(
@@ -34,20 +34,20 @@ def shape_of(
     shape: NDArray[np.complex128],
     geometry: VehicleGeometry,
 ) -> Shape:
-    """Scale and turn a displacement shape, (7,), so that it can be seen."""
-    lift = np.zeros((8, 7))  # of body corners and wheels by the degrees of freedom
-    lift[:4, 0] = 1.0
-    lift[:4, 1:3] = _corners(geometry) * [-1.0, 1.0]
-    lift[4:, 3:] = np.eye(4)
-    points = lift @ shape
-    turn = np.exp(-0.5j * np.angle(np.sum(points**2)))
-    lift_m = 0.22  # of the point that moves most: large enough to see
-    motion = shape * turn * lift_m / np.max(np.abs(points))
+    """Return a displacement shape, (7,), enlarged and turned so that it can be seen."""
+    heights = np.zeros((8, 7))  # of body corners and wheels, by each degree of freedom
+    heights[:4, 0] = 1.0
+    heights[:4, 1:3] = _corners(geometry) * [-1.0, 1.0]
+    heights[4:, 3:] = np.eye(4)
+    points = heights @ shape
+    turn = np.exp(-0.5j * np.angle(np.sum(points**2)))  # makes most of the motion real
+    largest_m = 0.22  # of the point that moves most: large enough to see
+    motion = shape * turn * largest_m / np.max(np.abs(points))
     return Shape(title, numbers, frequency_hz, np.asarray(motion), geometry)
 
 
 def _corners(g: VehicleGeometry) -> Floats:
-    """Return where the wheels are, (4, 2), order `daq.vehicle.Corner`."""
+    """Return x and y of the wheels from the CG, (4, 2) m, order `daq.vehicle.Corner`."""
     return np.array([[g.a, g.t_f], [g.a, -g.t_f], [-g.b, g.t_r], [-g.b, -g.t_r]])
 
 

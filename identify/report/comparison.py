@@ -71,7 +71,7 @@ def comparison_sections(comparison: Comparison) -> tuple[Section, ...]:
 
 
 def _differences_table(title: str, rows: Sequence[Compared], i: int) -> Table:
-    """Return the differences of quantities between the first session and its i-th follower."""
+    """Return the differences of quantities from the first session to follower `i`, from 0."""
     columns = ("", "#first", "#this", "#difference", "#±", "#z", "at 95 %", "unit")
     texts = []
     for row in rows:

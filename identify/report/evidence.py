@@ -193,7 +193,7 @@ def cross_checks(estimation: Estimation) -> CrossChecks:
     diagrams = {}
     for state in dict.fromkeys(record.mass_state for record in records):
         of_state = [i for i, record in enumerate(records) if record.mass_state == state]
-        decays = [estimation.decays[i].thinned(250.0) for i in of_state]
+        decays = [estimation.decays[i].thinned(250.0) for i in of_state]  # Hz, for the modes
         diagram = vehicle_diagram([records[i] for i in of_state], decays)
         if diagram is not None:
             diagrams[state] = diagram
@@ -259,7 +259,7 @@ def _energy_table(result: Identification) -> Table:
     for label, of_run_db in result.quality.snr_db.items():
         pairs = result.pairings.get(states.get(label, first))
         rank_in_first = {rank: rank for rank in range(len(modes))}
-        if pairs is not None:
+        if pairs is not None:  # the run is of another state
             rank_in_first = dict(zip(pairs.added.tolist(), pairs.baseline.tolist(), strict=True))
         rows[label] = {
             modes[rank_in_first[rank]]: f"{'▼ ' if db < SNR_LIMIT_DB else ''}{db:z.0f}"

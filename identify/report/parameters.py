@@ -57,8 +57,9 @@ Floats = NDArray[np.float64]
 
 _ABOVE_IN, _ROW_IN, _BELOW_IN = 0.32, 0.195, 1.0
 """Heights of the titles of the intervals, of each parameter, and of axis and legend, inches."""
-_SOURCES = ("#0072b2", "#56b4e9", "#004468", "#d55e00", "#e69f00", "#8a3c00", "#009e73", "#66c2a5",
-            "#cc79a7", "#7f7f7f", "#c0c0c0")  # fmt: skip
+_HUES = ("#0072b2", "#56b4e9", "#004468", "#d55e00", "#e69f00", "#8a3c00", "#009e73", "#66c2a5",
+         "#cc79a7", "#7f7f7f", "#c0c0c0")  # fmt: skip
+"""Colours of the sources of precision, in the order of the legend."""
 
 
 def parameter_section(result: Identification) -> Section:
@@ -80,7 +81,7 @@ def parameter_section(result: Identification) -> Section:
                 ),
                 "From and to are the ends of the 95 % interval.",
             ),
-            _estimates(
+            _estimates_table(
                 "What follows from them", "quantity", plain, result.derived,
                 "Ratios are known better than masses and springs, most of whose error is common to "
                 "all of them. Ride frequency is that of the axle's share of the body on its "
@@ -93,7 +94,7 @@ def parameter_section(result: Identification) -> Section:
             "Travel of the sensor over that of the wheel, where bench.toml states it with a sigma."
         )
         ratios = result.motion_ratios
-        blocks.append(_estimates("Motion ratios as fitted", "channel", str, ratios, note))
+        blocks.append(_estimates_table("Motion ratios as fitted", "channel", str, ratios, note))
     return Section(
         "parameters",
         "Parameters",
@@ -114,7 +115,7 @@ def estimate_texts(e: Estimate) -> tuple[str, str, str, str, str]:
     return value, low, high, half_text(e), unit
 
 
-def _estimates(
+def _estimates_table(
     title: str,
     heading: str,
     words: Callable[[str], str],
@@ -132,7 +133,7 @@ def intervals_picture(result: Identification) -> Picture:
     # A source whose share is smaller for every parameter is not drawn.
     kinds = {kind for row in shares for kind, share in row.items() if share > 0.005}
     # In the order of the runs; sources that are not runs come last.
-    runs = dict.fromkeys(run.rpartition("_")[0] for run in result.quality.chi2_by_run)
+    runs = by_kind(dict.fromkeys(result.quality.chi2_by_run, 0.0))
     order = (*(kind for kind in runs if kind in kinds), *sorted(kinds - set(runs)))
     draw = partial(
         _draw_intervals,
@@ -165,7 +166,7 @@ def _draw_intervals(
     shares: Floats,
     figure: FigureBase,
 ) -> None:
-    """Draw half of each interval, (n,) %, beside the shares of kinds of sources, (n, n_kinds)."""
+    """Draw half of each interval, (n,) %, beside shares of kinds of sources, (n, n_kinds), 0..1."""
     rows, height_in = np.arange(len(names)), _intervals_height_in(len(names))
     left, right = figure.subplots(
         1, 2, sharey=True,
@@ -184,7 +185,7 @@ def _draw_intervals(
     left.barh(rows, 2.0 * drawn_percents, 0.55, left=-drawn_percents, color=PALETTE[1], alpha=0.45)
     left.axvline(0.0, color=INK, lw=0.9)
     for row, half, drawn in zip(rows, half_percents, drawn_percents, strict=True):
-        text = half_width_percent(100.0, 100.0 - half, 100.0 + half)
+        text = half_width_percent(100.0, 100.0 - half, 100.0 + half)  # half is % of the value
         text = f" ±{text}" if text else " may be zero"
         left.text(drawn, row, text, va="center", fontsize=7.5)
     left.set_xlim(*about_zero(drawn_percents, 1.6))
@@ -192,7 +193,7 @@ def _draw_intervals(
     left.set_title("How well each is known")
     ends = np.cumsum(shares * 100.0, axis=1)
     for i, kind in enumerate(kinds):
-        width, colour = shares[:, i] * 100.0, _SOURCES[i % len(_SOURCES)]
+        width, colour = shares[:, i] * 100.0, _HUES[i % len(_HUES)]
         right.barh(
             rows, width, 0.62, left=ends[:, i] - width, color=colour, label=kind, ec="white", lw=0.5
         )
@@ -376,19 +377,19 @@ def moving_cars(result: Identification, state: str) -> MovingCars:
         f"Mode shapes in mass state {state}",
         "Enlarged, slowed down, and without their decay. Grey: the car at rest.",
         tuple(
-            shape_of(f"{i} {name}", _mode_text(mode), mode.frequency.value, shape, result.geometry)
+            shape_of(f"{i} {name}", mode_text(mode), mode.frequency.value, shape, result.geometry)
             for i, (name, mode, shape) in enumerate(modes, start=1)
         ),
     )
 
 
-def _mode_text(mode: ModeEstimate) -> str:
-    """Write frequency and damping ratio of a mode in a few characters."""
+def mode_text(mode: ModeEstimate, between: str = ", ") -> str:
+    """Write frequency and damping ratio of a mode, with `between` them, as `1.23 Hz, 25.1 %`."""
     hz, ratio = mode.frequency, mode.damping_ratio
     if not (hz.determined and ratio.determined):
         return NOT_DETERMINED
     percent, *_ = rounded(*(100.0 * end for end in (ratio.value, ratio.low, ratio.high)))
-    return f"{value_text(hz)} Hz, {percent} %"
+    return f"{value_text(hz)} Hz{between}{percent} %"
 
 
 def stabilisation_picture(

@@ -206,7 +206,7 @@ def _part(block: Block, folder: Path) -> dict[str, Any]:
                 {
                     "name": name if name == "#" else name.removeprefix("#"),
                     "right": name.startswith("#"),
-                    "blank": bool(name) and not any(row[i] for row in rows),  # to be signed
+                    "blank": bool(name) and not any(row[i] for row in rows),  # wide, to sign in
                 }
                 for i, name in enumerate(columns)
             ]

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
 _MOST_NAMED = 20
 """Largest number of refused and failed sessions to name; the table has all."""
-_WRITE_S = 20.0
-"""Seconds between two writings of the table: what a kill can cost."""
 _FAILED = "failed"
 """Verdict of a session that has no identification."""
 
@@ -87,7 +85,7 @@ def batch(
                 rows[job.file] = _row_from(job, future)
                 n_done += 1
                 stage(n_done / len(jobs), f"{n_done} of {len(jobs)}")
-                if monotonic() - last_write_s > _WRITE_S:
+                if monotonic() - last_write_s > 20.0:  # s, which a kill can cost
                     _write(out, page, rows)
                     last_write_s = monotonic()
     except (KeyboardInterrupt, SystemExit):

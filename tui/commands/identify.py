@@ -65,9 +65,8 @@ def report(
     if not session.exists():  # its folder is that of the page
         raise InputError(str(session), "no such file", "name a session file")
     page = page or session.parent / f"{session.stem}.html"
-    for path in (page, pdf):
-        if path is not None:
-            require_place(path, force)
+    for path in filter(None, (page, pdf)):
+        require_place(path, force)
     if figure_format is not None and figures is None:
         raise InputError("--format", "is for --figures", "name a folder with --figures")
     with output.progress("report") as stage:
@@ -108,8 +107,7 @@ def compare(
         require_place(page, force)
     with output.progress("compare") as stage:
         results = identify_files([str(path) for path in sessions], stage)
-    labels = labels_of(sessions)
-    comparison = compared(labels, results)
+    comparison = compared(labels_of(sessions), results)
     if page is not None:
         from identify.report.comparison import comparison_html
 
@@ -120,5 +118,4 @@ def compare(
         from ..result import print_comparison
 
         print_comparison(comparison)
-    refused = "refused" in comparison.verdicts
-    return ExitCode.ANSWER_IS_NO if refused else ExitCode.OK
+    return ExitCode.ANSWER_IS_NO if "refused" in comparison.verdicts else ExitCode.OK

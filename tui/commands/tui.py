@@ -111,8 +111,8 @@ def wanted_setup(
 ) -> Setup:
     """Return the setup that the terminal is started for.
 
-    If neither bench, interface nor channel is named, and in a replay, any bench will do.  Raises
-    InputError if the bench that is named is bad, also if a recorder runs already.
+    If no bench is named, and in a replay, any bench will do.  Raises InputError if bench, interface
+    or channel is bad, also if a recorder runs already.
     """
     from daq.bench.campaign import Origin
     from daq.control.messages import Setup, setup_of

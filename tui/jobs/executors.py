@@ -39,8 +39,9 @@ def as_finished(
     time, and only an item whose process dies while it is alone fails, with `BrokenProcessPool`.
 
     `function`: picklable: a function of a module, or a `functools.partial` of one.  `items`: taken
-    only as there is room.  `scheduler`: address of a Dask scheduler, whose workers then do the
-    work.  Raises InputError if Dask is not installed, no scheduler answers, or it has no workers.
+    only as there is room.  `workers`: number of processes.  `scheduler`: address of a Dask
+    scheduler, whose workers do the work instead.  Raises InputError if Dask is not installed, no
+    scheduler answers, or it has no workers.
     """
     remaining = iter(items)
     cut_off: list[Item] = []  # by the death of a worker process
@@ -73,10 +74,7 @@ def as_finished(
 
 
 def map_items(
-    function: Callable[[Item], Result],
-    items: Sequence[Item],
-    workers: int,
-    stage: Stage,
+    function: Callable[[Item], Result], items: Sequence[Item], workers: int, stage: Stage
 ) -> list[Result]:
     """Return ``function(item)`` of every item, in their order, and report progress to `stage`.
 

@@ -84,9 +84,8 @@ def write_figures(report: Report, folder: Path, kind: str) -> list[Path]:
     from identify.report.page import MovingCars, png_of, svg_of
 
     pictures = [picture for section in report.sections for picture in section.pictures]
-    for section in report.sections:
-        moving = [block for block in section.blocks if isinstance(block, MovingCars)]
-        pictures += map(still_cars, moving)
+    blocks = (block for section in report.sections for block in section.blocks)
+    pictures += [still_cars(block) for block in blocks if isinstance(block, MovingCars)]
     paths = []
     for picture in pictures:
         path = folder / f"{picture.key}.{kind}"
@@ -111,8 +110,7 @@ def _result_without_residuals(path: str) -> Identification:
     if result.estimation is None:
         return result
     without_values = tuple(replace(run, values={}) for run in result.estimation.residuals)
-    estimation = replace(result.estimation, residuals=without_values)
-    return replace(result, estimation=estimation)
+    return replace(result, estimation=replace(result.estimation, residuals=without_values))
 
 
 def labels_of(paths: Sequence[Path]) -> list[str]:

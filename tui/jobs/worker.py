@@ -104,10 +104,10 @@ async def answer_of(task: Task, subject: str, stage: Stage, request: asyncio.Eve
 
     def listen() -> None:
         """Send the task; pass on each message, last that the process ended; close its pipes."""
-        with suppress(RuntimeError, OSError), worker:  # the loop is closed, or it has ended
+        with suppress(RuntimeError, OSError), worker:  # the loop or the process has ended
             assert worker.stdin is not None
             assert worker.stdout is not None
-            with suppress(OSError, EOFError, pickle.UnpicklingError):  # it has ended
+            with suppress(OSError, EOFError, pickle.UnpicklingError):  # the process has ended
                 pickle.dump((task, subject), worker.stdin)
                 worker.stdin.flush()
                 while True:
@@ -125,7 +125,7 @@ async def answer_of(task: Task, subject: str, stage: Stage, request: asyncio.Eve
     async def pass_request_on() -> None:
         """Have the worker end with the answer so far, once `request` is set."""
         await request.wait()
-        with suppress(OSError, ValueError):  # it has ended
+        with suppress(OSError, ValueError):  # the process has ended
             assert worker.stdin is not None
             worker.stdin.write(b"take")
             worker.stdin.flush()
