@@ -300,7 +300,7 @@ def report_of(
 
 
 def title_of(session: Session) -> str:
-    """Return the vehicle's name, with a remark if it was not measured."""
+    """Return the vehicle's name, with the origin of the data if it was not measured."""
     name = session.vehicle.name or "vehicle without a name"
     origin = session.provenance.get("origin")
     return name if origin in (None, "real") else f"{name} ({origin}, not measured)"

@@ -241,7 +241,7 @@ def recorded_at_once(traffic: Traffic, folder: Path, lifetime: Lifetime) -> Stat
 
 @pytest.mark.usefixtures("ends_at_once")
 @pytest.mark.parametrize(("arm", "pause_s"), [(True, 0.0), (False, 3.0)])
-def test_runs_are_accepted_at_once_where_nobody_looks_at_them(
+def test_runs_are_accepted_at_once_where_no_one_looks_at_them(
     arm: bool, pause_s: float, tmp_path: Path
 ) -> None:
     traffic = Traffic(BENCH, cast(Any, None))

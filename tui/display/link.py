@@ -130,7 +130,7 @@ def display_beside(
     command = [sys.executable, "-m", "tui", "display", str(folder.resolve()), "--json", *options]
     pipe = subprocess.PIPE
     with (
-        TemporaryFile("w+") as errors,  # not a pipe, which somebody would have to read
+        TemporaryFile("w+") as errors,  # not a pipe, which fills up if it is not read
         subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=errors, text=True) as process,
     ):
         assert process.stdin is not None

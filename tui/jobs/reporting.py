@@ -129,7 +129,7 @@ def batch_page(columns: Sequence[str], rows: Sequence[Row], folder: Path) -> str
     """
     estimated = [name for name in columns if f"{name}_std" in columns]
     names = [name for name in estimated if not name.endswith(("_hz", "_damping"))]  # of modes
-    # The names of element forces, which begin with a word, include their unit.
+    # Elements of an axle, whose names begin with a word, have units of many kinds: none is shown.
     units = [parameter_unit(n) if len(n.partition("_")[0]) == 1 else "" for n in names]
     page_rows = []
     for row in rows:

@@ -142,7 +142,7 @@ class _Daemon:
         self._stop_reply: Future[Reply] | None = None  # the awaited answer to the order to stop
         self._armed = self._stopped = ""  # the last recordings that were armed, and ordered to stop
         self._logged: Status | None = None  # the last status whose news are in the log
-        self._systemd_told_s = 0.0  # monotonic time of the last report to systemd
+        self._systemd_notified_s = 0.0  # monotonic time of the last report to systemd
 
     def run(self, stage: Stage) -> Status:
         """Record until the recorder has ended; return its last status, or raise its failure."""
@@ -233,7 +233,7 @@ class _Daemon:
             for text, key in news(self._logged, status):
                 self.log.line(text, key)
             self._logged = status
-        if now_s - self._systemd_told_s >= 1.0:  # systemd's watchdog waits ten times as long
-            self._systemd_told_s = now_s
+        if now_s - self._systemd_notified_s >= 1.0:  # systemd's watchdog waits ten times as long
+            self._systemd_notified_s = now_s
             if hanging := self.systemd.notify(self.recorder.heartbeats, status, now_s):
                 self.log.line(hanging, "hanging")

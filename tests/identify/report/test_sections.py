@@ -416,7 +416,7 @@ def test_a_speed_that_one_axle_did_not_reach_is_empty_there() -> None:
 # A run left out -----------------------------------------------------------------------------------
 
 
-def test_each_run_is_told_as_the_others_predict_it() -> None:
+def test_each_run_is_shown_as_the_others_predict_it() -> None:
     predictions = (
         Prediction("one", 1.0, 1.05, 1.1), Prediction("two", 0.9, 1.2, 1.1),
         Prediction("three", 1.0, nan, nan),
