@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -43,10 +43,8 @@ def _from_buses(bench: Bench, seconds: float) -> FrameBatch:
     """Return the frames that come on the buses of a bench from now, in order of time."""
     batches: list[FrameBatch] = []
     with ExitStack() as stack, output.progress("check") as stage:
-        sources = []
-        for position, bus in enumerate(bench.buses):
-            sources.append(open_source(bus, position))
-            stack.callback(sources[-1].close)
+        opened = (closing(open_source(bus, n)) for n, bus in enumerate(bench.buses))
+        sources = [stack.enter_context(source) for source in opened]
         start_s = time.monotonic()
         while (elapsed_s := time.monotonic() - start_s) < seconds:
             stage(elapsed_s / seconds, "")

@@ -53,7 +53,7 @@ def _corners(g: VehicleGeometry) -> Floats:
 
 def outline(g: VehicleGeometry, displacement: Floats) -> Lines:
     """Return the lines of the car displaced by (7,), m and rad, of `daq.vehicle.DOF`."""
-    deck_m, roof_m, hub_m, overhang_m, rim_m = 0.62, 1.25, 0.32, 0.55, 0.31
+    deck_m, roof_m, hub_m, overhang_m, rim_m = 0.62, 1.25, 0.32, 0.55, 0.31  # usual
     heave, pitch, roll, *hub_heaves = displacement.tolist()
     front, rear = g.a + overhang_m, -g.b - overhang_m
     side = max(g.t_f, g.t_r) + 0.08

@@ -151,7 +151,7 @@ def change_table(change: Change) -> Table:
     for named in change.named:
         name = ", or instead ".join((named.name, *named.instead))
         pairs = zip(named.changes, named.shares, strict=True)
-        for session, (e, share) in enumerate(pairs, start=2):
+        for session, (e, share) in enumerate(pairs, start=2):  # share: of the first one's value
             half = e.high - e.value
             _, low, high = rounded(e.value, e.low, e.high)
             half_share = abs(half / e.value * share) if e.value else 0.0

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+from contextlib import suppress
 from dataclasses import asdict
 from math import isfinite
 
 import numpy as np
 
 from daq.channels import Channel, Quantity
+from daq.runs import Event
 from daq.samples.trigger import BUMP
 from daq.sessions import Session, notes_of, overrides_of
 from daq.vehicle import BodyWeight, HubWeight
@@ -127,7 +129,7 @@ def run_section(session: Session, result: Identification) -> Section:
         reasons = "; ".join(run.reasons)
         runs.append((run.label, status, *(window or ("", "")), frames, losses, reasons))
         notes += [
-            (run.label, f"{(e.t_ns - run.t0_ns) * 1e-9:.3f}", plain(e.code), e.text)
+            (run.label, f"{(e.t_ns - run.t0_ns) * 1e-9:.3f}", plain(e.code), _event_words(e))
             for e in run.events
             if e.code not in (BUMP, "run_end")
         ]
@@ -143,6 +145,14 @@ def run_section(session: Session, result: Identification) -> Section:
         "Everything that was recorded. Only accepted runs are used; none is ever deleted.",
         tuple(table for table in tables if table.rows),
     )
+
+
+def _event_words(event: Event) -> str:
+    """Return the text of an event; that of a decision, a JSON object, in words."""
+    with suppress(ValueError):
+        if isinstance(body := json.loads(event.text), dict):
+            return ", ".join(f"{plain(name)} {value}" for name, value in body.items() if value)
+    return event.text
 
 
 def provenance_section(session: Session, result: Identification, source: Source) -> Section:

@@ -81,7 +81,7 @@ def _traces(
 ) -> tuple[Trace, ...]:
     """Return the channel of the body and that of the wheels that stand out most from their noise.
 
-    Of the wheels, hubs come before travels.  `from_s`: time in the run from which traces begin.
+    Hubs come before travels.  `noise`: standard deviations, SI.  `from_s`: beginning of the traces.
     """
     strongest: dict[str, tuple[float, Trace]] = {}
     for recording in decay.recordings:

@@ -149,10 +149,8 @@ def pdf_of(report: Report) -> bytes:
         (folder / "report.typ").write_text(text, "utf-8")
         content = json.dumps(_content(report, folder))
         (folder / "report.json").write_text(content, "utf-8")
-        set_by_typst = typst.Compiler(
-            folder / "report.typ", font_paths=[fonts], ignore_system_fonts=True
-        )
-        data = set_by_typst.compile(format="pdf", pdf_standards="ua-1")
+        pages = typst.Compiler(folder / "report.typ", font_paths=[fonts], ignore_system_fonts=True)
+        data = pages.compile(format="pdf", pdf_standards="ua-1")
     assert isinstance(data, bytes)  # one file instead of one for each page
     return data
 

@@ -165,8 +165,7 @@ class All:
         self.clients = False
         self.stored = StorageStatus()
         self.watched: list[bool] = []
-        self.looks: list[float] = []
-        """For how long no client has been there, s, look by look."""
+        self.looks: list[float] = []  # for how long no client was there, s, look by look
 
     def run(self, stop: threading.Event, publish: Publish, is_watched: Any) -> None:
         self._runs(stop, publish, is_watched)

@@ -89,7 +89,6 @@ MISTAKES = {
     "identfy": "identify",
     "recrod": "(bumpbench --help lists what there is)",
     "identify": "bumpbench identify --help",
-    "demo --seed x": "'--seed': Input should be a valid integer",
     "demo --seed -3": "--seed",
     "tui --demoo": ": --demoo (Possible options: --demo) (bumpbench tui --help lists",
     "tui --speed fast": "'--speed': Input should be a valid number",

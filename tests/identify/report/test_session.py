@@ -64,6 +64,7 @@ def run(repeat: int, status: RunStatus, reasons: tuple[str, ...], n_frames: int)
     losses = Losses(bus_dropped=3, crc_bad=1) if repeat == 2 else Losses()
     events = (
         Event(1_000_000_000, "bump"), Event(2_500_000_000, "operator_note", text="door open"),
+        Event(2_600_000_000, "reject", text='{"by": "AE", "label": "x_1", "reason": ""}'),
         Event(3_000_000_000, "run_end"),
     )  # fmt: skip
     return Run(
@@ -130,7 +131,8 @@ def test_runs_stand_with_status_stretch_frames_losses_and_reasons() -> None:
         "baseline_roll_2", "✕ rejected", "", "", "2", losses, "a wheel lifted; by AE",
     ]  # fmt: skip
     assert texts(found["Notes, faults and decisions during the runs"]) == [
-        ["baseline_roll_1", "1.500", "operator note", "door open"]
+        ["baseline_roll_1", "1.500", "operator note", "door open"],
+        ["baseline_roll_1", "1.600", "reject", "by AE, label x_1"],
     ]
     rejected = replace(session().runs[0], status=RunStatus.REJECTED)
     section = run_section(replace(session(), runs=(rejected,)), result())
