@@ -165,7 +165,8 @@ def provenance_section(session: Session, result: Identification, source: Source)
     trace += [("note", text) for text in notes_of(session.provenance)]
     trace += [("warning overridden", text) for text in overrides_of(session.provenance)]
     if database := session.provenance.get("dbc"):
-        trace.append(("sha256 of the DBC", hashlib.sha256(database.encode()).hexdigest()))
+        digest = hashlib.sha256(database.encode(errors="surrogateescape")).hexdigest()
+        trace.append(("sha256 of the DBC", digest))
     columns = ("channel", "measures", "where", "#scale", "#delay, ms", "#noise", "unit", "signal")
     rows = tuple(_channel_row(c, result.noise.get(c.name)) for c in session.channels)
     blocks: list[Block] = [Table("Trace", ("", ""), tuple(trace)), Table("Channels", columns, rows)]

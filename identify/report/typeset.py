@@ -147,8 +147,8 @@ def pdf_of(report: Report) -> bytes:
         folder = Path(name)
         text = files(__package__).joinpath("report.typ").read_text("utf-8")
         (folder / "report.typ").write_text(text, "utf-8")
-        content = json.dumps(_content(report, folder))
-        (folder / "report.json").write_text(content, "utf-8")
+        content = json.dumps(_content(report, folder), ensure_ascii=False)
+        (folder / "report.json").write_text(content, "utf-8", "replace")  # as of a file's name
         pages = typst.Compiler(folder / "report.typ", font_paths=[fonts], ignore_system_fonts=True)
         data = pages.compile(format="pdf", pdf_standards="ua-1")
     assert isinstance(data, bytes)  # one file instead of one for each page

@@ -6,6 +6,7 @@ import hashlib
 import io
 import json
 import math
+import os
 import re
 import sys
 from collections.abc import Callable
@@ -38,7 +39,7 @@ from .batches import refused_session
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("bench") / "car.h5"
+    path = tmp_path_factory.mktemp("bench") / os.fsdecode(b"car\xe4.h5")  # not in UTF-8
     whole = stress_session("linear", 2, 100.0)
     once = tuple(run for run in whole.runs if run.repeat == 1)
     daq.write_session(path, replace(whole, runs=once))
@@ -94,8 +95,7 @@ def test_report_of_a_refused_session_says_why(
 ) -> None:
     daq.write_session(tmp_path / "bare.h5", refused_session(1))
     assert run(["report", str(tmp_path / "bare.h5")]) == 1
-    said = capsys.readouterr().err
-    verdict, *reasons = said.splitlines()
+    verdict, *reasons = capsys.readouterr().err.splitlines()
     assert verdict == "bumpbench: verdict: refused"
     assert any(line.startswith("bumpbench: refused: ") and "added mass" in line for line in reasons)
 

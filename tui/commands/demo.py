@@ -56,9 +56,8 @@ def demo(
         result = identify_session(session, stage)
     truth = asdict(SimulatedCar().parameters)
     if json:
-        output.print_json(
-            {**result.document(file_sha256(path)), "truth": truth, "session": str(path)}
-        )
+        document = result.document(file_sha256(path))
+        output.print_json({**document, "truth": truth, "session": str(path)})
     else:
         output.print_session(path, session, json=False)
         output.print_line()

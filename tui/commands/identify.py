@@ -111,7 +111,7 @@ def compare(
     if page is not None:
         from identify.report.comparison import comparison_html
 
-        write_named(page, comparison_html(comparison).encode())
+        write_named(page, comparison_html(comparison).encode(errors="backslashreplace"))
     if json:
         output.print_json(comparison.document())
     else:

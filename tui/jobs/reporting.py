@@ -61,15 +61,14 @@ def write_report(
         stage(0.6, "gathering")
         checks = cross_checks(result.estimation) if result.estimation else CrossChecks()
         libraries = {name: version(name) for name in ("numpy", "scipy", "h5py", "matplotlib")}
-        today = datetime.now(UTC).date().isoformat()
-        source = Source(
-            session.name, file_sha256(session), version("bumpbench"), libraries, today, *signed
-        )
+        today, sha256 = datetime.now(UTC).date().isoformat(), file_sha256(session)
+        source = Source(session.name, sha256, version("bumpbench"), libraries, today, *signed)
         report = report_of(recorded, result, checks, source)
         stage(0.7, "drawing")
         # The PDF takes longest: it is begun first.
         sheets = None if pdf is None else pool.submit(pdf_of, report)
-        write_named(html, html_of(report, drawings(report, pool)).encode())
+        text = html_of(report, drawings(report, pool))
+        write_named(html, text.encode(errors="backslashreplace"))  # a file's name may not be UTF-8
         written(html)
         if pdf is not None and sheets is not None:
             stage(0.85, "PDF")

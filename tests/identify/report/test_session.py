@@ -104,7 +104,7 @@ def test_a_trace_names_file_hashes_programs_and_what_persons_wrote() -> None:
     notes = [{"label": "baseline_roll_1", "text": "rain", "by": "AE"}]
     waived = [{"subject": "hub", "reason": "taped", "by": "AE"}]
     made = session(
-        uuid="one", software_name="bench", bench_toml="[bus]", dbc="BO_ 1", verdicts="[]",
+        uuid="one", software_name="bench", bench_toml="[bus]", dbc="BO_ 1\udce4", verdicts="[]",
         notes=json.dumps(notes), overrides=json.dumps(waived),
     )  # fmt: skip
     section = provenance_section(made, result(), SOURCE)
@@ -114,7 +114,7 @@ def test_a_trace_names_file_hashes_programs_and_what_persons_wrote() -> None:
         ["software name", "bench"],
         ["note", "baseline_roll_1: rain (AE)"],
         ["warning overridden", "hub: taped (AE)"],
-        ["sha256 of the DBC", hashlib.sha256(b"BO_ 1").hexdigest()],
+        ["sha256 of the DBC", hashlib.sha256(b"BO_ 1\xe4").hexdigest()],
     ]
     assert texts(tables(section)["Settings of the recording: bench.toml"]) == [["[bus]"]]
     bare = provenance_section(replace(session(), runs=()), result(), SOURCE)
