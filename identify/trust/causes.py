@@ -101,7 +101,7 @@ def faults_of_bench(session: Session, estimation: Estimation) -> Causes:
 
 
 def swapped_or_late(estimation: Estimation) -> Causes:
-    """Return swapped labels, a lateness or a low-pass that explains nearly all of a misfit, if any.
+    """Return swapped labels or wrong sensors that explain nearly all of a misfit, if any.
 
     None is sought where some runs are wrong.  A bump that lasts longer than stated looks like a
     low-pass: ask only where no later start holds.  Nearly all, because exchanged hubs of front and

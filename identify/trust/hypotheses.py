@@ -62,7 +62,7 @@ def kind_of_sensor(channel: Channel) -> str:
     """Return the kind of sensors that a channel is of, in words: of the body, hubs or travels."""
     if channel.corner is None:
         return "body sensors"
-    return "hub sensors" if channel.quantity is Quantity.HUB_ACCELERATION else "travel sensors"
+    return "travel sensors" if channel.quantity is Quantity.SUSPENSION_TRAVEL else "hub sensors"
 
 
 class _Effect(NamedTuple):
@@ -227,7 +227,7 @@ def _effects(box: GreyBox, richest: _Richest) -> Iterator[_Effect]:
             yield _Effect(kind, name, parameter_unit(name), scale, direction)
     if box.structure.symmetric:
         for name in ("m_uf", "m_ur", "k_sf", "k_sr", "k_tf", "k_tr", "c_sf", "c_sr"):
-            sides = {index_of[f"{name}l"]: 1.0, index_of[f"{name}r"]: -1.0}
+            sides = {index_of[f"{name}l"]: 1.0, index_of[f"{name}r"]: -1.0}  # 2 apart
             yield _Effect("sides", name, "% more left than right", 200.0, sides)
     if box.geometry is not None:
         for name in ("a", "b", "t_f", "t_r"):

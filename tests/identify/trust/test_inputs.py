@@ -472,8 +472,7 @@ def session_of(
 
 def stated(session: Session, sigma_m: float, at_cg: bool = False) -> Session:
     az, *others = session.channels
-    x_m, y_m = STATED_M
-    az = replace(az, x_m=x_m, y_m=y_m, position_sigma_m=sigma_m, at_cg=at_cg)
+    az = replace(az, x_m=STATED_M[0], y_m=STATED_M[1], position_sigma_m=sigma_m, at_cg=at_cg)
     return replace(session, channels=(az, *others))
 
 
