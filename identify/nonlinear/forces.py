@@ -112,7 +112,7 @@ class Forces:
 
 
 def element_estimates(best: Optimum, covariance: Real) -> dict[str, Estimate]:
-    """Return every free element, and every free parameter of the car, with its interval."""
+    """Return each free element and parameter of the car with its interval; `covariance`: (F, F)."""
     problem = best.point.problem
     model, linear_eta = problem.model, best.eta[: problem.model.n_linear]
     box = model.box

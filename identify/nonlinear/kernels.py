@@ -490,7 +490,7 @@ def filter_pole(values, h, times, pole, residue, weights, out):
 
     `values`, (n, columns): input at even times, n odd.  `h`: time of two steps of it, s.
     `weights`, (3,): of the input at the beginning, middle and end of two steps (`path.filtered`).
-    Between the ends of two steps the pole's state is interpolated by its cubic.
+    Between the ends of two steps, the state is a cubic; its slope there is pole * state + input.
     """
     size = values.shape[1]
     state, last_state = np.zeros(size, np.complex128), np.zeros(size, np.complex128)
@@ -504,7 +504,7 @@ def filter_pole(values, h, times, pole, residue, weights, out):
             state[j] = decay * state[j] + drive
         while n < len(times) and (times[n] / h < k + 1 or k == last_step):
             t = times[n] / h - k  # 0..1 within the two steps
-            c, d = t * (1.0 - t) ** 2 * h, -(t**2) * (1.0 - t) * h
+            c, d = t * (1.0 - t) ** 2 * h, -(t**2) * (1.0 - t) * h  # of the slopes at both ends
             at_begin = residue * ((1.0 + 2.0 * t) * (1.0 - t) ** 2 + c * pole)
             at_end = residue * (t**2 * (3.0 - 2.0 * t) + d * pole)
             for j in range(size):

@@ -251,7 +251,7 @@ class NonlinearEngine:
 
     @property
     def elements(self) -> Mapping[str, int]:
-        """Position among the unknowns of a `Fit` of each element but knees, lengths, powers."""
+        """Position among the unknowns of a `Fit` of each element that may be zero, knees apart."""
         sized = {e.name for e in elements(()) if not e.logarithmic}
         names = self.problem.model.names
         reported = enumerate(names[i] for i in self.reported.tolist())
