@@ -49,10 +49,7 @@ class Optimum:
 
 @dataclass
 class Clock:
-    """Processor time of a search; it runs from the first point that was evaluated.
-
-    The machine code has been made by then.
-    """
+    """Processor time of a search from its first point on: machine code has been made by then."""
 
     seconds: float = np.inf
     began_s: float = np.nan

@@ -180,8 +180,7 @@ def axle_forces(
 def _curve(car: Car, left_corner: int, speed: Real, covariance: Real) -> DamperCurve:
     """Return the curve of an axle's dampers at some speeds, (n,) m/s, compression positive.
 
-    Damper and friction are the mean of both sides; if `[vehicle.structure]` has a damper for each
-    side, that of the left one.
+    Both forces are the mean of the sides; a damper with parameters for each side is the left one.
     """
     # Coefficients of the left corner, (n_coefficients,), and their slopes by the unknowns, (.., F).
     p, d = car.corner[left_corner], car.d_corner[left_corner]

@@ -98,6 +98,8 @@ def real_car(
             )
 
     clock = Clock(most_s)
+    if not symmetric:  # corners with parameters of their own have these differences in them
+        decided = {"dampers_left_right": False, "corners_left_right": False, **decided}
     with threadpool_limits(1, "blas"):  # the runs of a fit share the processors instead
         released = release(model, attempts(), lambda name: decided.get(name, True), log, clock)
     if released is None:

@@ -195,22 +195,18 @@ def test_a_parameter_four_times_beyond_all_vehicles_is_that_of_none(
 
 # One factor of all masses and forces leaves the motion as it is; weights as stated know it --------
 
-GROUP_OF_COMMON_SCALE = ChannelGroup("hubs", tuple(channels()[1]))
+HUBS = ChannelGroup("hubs", tuple(channels()[1]))
 TIME_S = np.arange(0.0, 0.4, 0.005)
-DECAY = FreeDecay(
-    "run", "added", 0.0, (Recording(GROUP_OF_COMMON_SCALE, TIME_S, np.zeros((len(TIME_S), 4))),)
-)
+DECAY = FreeDecay("run", "added", 0.0, (Recording(HUBS, TIME_S, np.zeros((len(TIME_S), 4))),))
 
 
 def problem(sigma_kg: float = 0.1, free_weights: bool = True) -> Problem:
     """Return a run with weights, each known to `sigma_kg`, but the first always to 0.1 kg."""
     weights = tuple(replace(w, sigma_kg=sigma_kg if i else 0.1) for i, w in enumerate(WEIGHTS))
     states = (BASELINE, MassState("added", AddedMass(weights)))
-    model = Model(
-        GreyBox((GROUP_OF_COMMON_SCALE,), states, None, RICH, may_lift=True), KNOTS_OF_CAR["K3"]
-    )
+    model = Model(GreyBox((HUBS,), states, None, RICH, may_lift=True), KNOTS_OF_CAR["K3"])
     centre, prior = weak_priors(model, rich_car(model))
-    run = run_of(model, DECAY, {c.name: NOISE[c.quantity] for c in GROUP_OF_COMMON_SCALE.channels})
+    run = run_of(model, DECAY, {c.name: NOISE[c.quantity] for c in HUBS.channels})
     free = np.arange(len(centre))
     held = list(model.box.weight_masses)[:1]
     return Problem(model, (run,), centre, prior, free if free_weights else np.delete(free, held))

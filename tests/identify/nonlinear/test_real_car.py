@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from daq.vehicle import Fact, FactQuantity, Structure, Vehicle
+from daq.vehicle import ELEMENTS, Fact, FactQuantity, Structure, Vehicle
 from identify.change import change_of
 from identify.compare import compare
 from identify.decays.decay import ChannelGroup, FreeDecay, Record, Recording, decay_start_s
@@ -388,6 +388,14 @@ def test_a_structure_that_is_decided_has_no_parameter_of_what_is_forbidden(
     assert allowed("friction")
 
 
+def test_corners_of_their_own_have_no_differences_beside(monkeypatch: pytest.MonkeyPatch) -> None:
+    given, released = linear(), set[str]()
+    given.box = given.box.with_structure(Structure(symmetric=False))
+    monkeypatch.setattr(module, "release", lambda *a: released.update(filter(a[2], ELEMENTS)))
+    assert real_car(given, VEHICLES, {}, lambda _: None) is None
+    assert set(ELEMENTS) - released == {"dampers_left_right", "corners_left_right"}
+
+
 def found(
     monkeypatch: pytest.MonkeyPatch, chosen: tuple[str, ...], decided: dict[str, bool]
 ) -> tuple[RealCar, Optimum]:
@@ -404,9 +412,7 @@ def names(problem: Problem) -> list[str]:
     return [problem.model.names[i] for i in problem.free]
 
 
-def test_a_group_gains_what_the_cost_would_rise_without_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_group_gains_what_the_cost_would_rise_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of one unknown that is the square of its size over its deviation; its price ln of 215."""
     result, best = found(monkeypatch, ("friction", "bump_stops"), {})
     (choice,) = result.forces.choices  # no unknown of a stop is free
@@ -446,9 +452,7 @@ def test_what_the_structure_decides_is_kept_or_not(
     assert (choice.kept, choice.forced) == (kept, True)
 
 
-def test_the_estimation_has_all_parameters_and_free_elements(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_estimations_have_all_parameters_and_free_elements(monkeypatch: pytest.MonkeyPatch) -> None:
     """Half a sigma by turns is a quarter of the noise; held unknowns have no finite interval."""
     result, best = found(monkeypatch, ("friction",), {})
     one = result.estimation
