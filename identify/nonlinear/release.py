@@ -271,7 +271,8 @@ class _Search:
                     released, eta = refined(problem, eta, _LAST_KNOTS)
                 released = replace(released, free=positions(released.model, start_groups, True))
                 eta = at_likely_scale(released, eta)
-                end = self._stage(stage, released, eta, best.point.initials, steps, rough)
+                names = start_groups[len(groups) :] or stage
+                end = self._stage(names, released, eta, best.point.initials, steps, rough)
                 # Else this start has gone astray.  Without any gain the cost is equal to rounding:
                 # the groups stay in, because a parameter that is left out is not determined.
                 if end is not None and end.cost <= (1.0 + 1e-9) * best.cost:

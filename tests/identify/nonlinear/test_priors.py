@@ -181,9 +181,8 @@ def test_beginnings_that_were_left_out_come_back_where_the_car_explains_them(mod
 @pytest.fixture(scope="module")
 def found_late(model: Model) -> Optimum:
     """Return the car that was found from 0.1 s after the beginnings on."""
-    found = release(
-        model, iter((attempt(model, False, 0.1),)), lambda _: False, lambda _: None, Clock()
-    )
+    attempts = iter((attempt(model, False, 0.1),))
+    found = release(model, attempts, lambda _: False, lambda _: None, Clock())
     assert found is not None
     return found[0]
 

@@ -82,9 +82,11 @@ def test_a_stage_that_ends_higher_is_left_out_and_one_that_gains_nothing_is_not(
 
 def test_friction_begins_at_15_newtons_in_the_first_stage(played: Callable[..., Any]) -> None:
     """One unit is 50 N; a stage frees what may be, and later ones keep it."""
-    script = Script([3.0, 2.0, 1.1, 1.0])
-    (_, chosen), _ = played(script, [attempt("a")], of("friction", "tyre_damping"))
+    script, lines = Script([3.0, 2.0, 1.1, 1.0]), list[str]()
+    allowed = of("friction", "tyre_damping")
+    (_, chosen), _ = played(script, [attempt("a")], allowed, log=lines.append)
     assert chosen == ("friction", "tyre_damping")
+    assert [line.split(":")[0] for line in lines[:2]] == ["friction", "tyre_damping"]
     first, second = script.asked[:2]
     assert (first.eta["F_cf"], first.eta["F_cr"]) == (0.3, 0.3)
     assert first.eta["d_cf"] == pytest.approx(np.log(0.5e-3))
