@@ -118,7 +118,7 @@ def parameter_findings(estimation: Estimation) -> Iterator[Finding]:
 
 
 def missing_runs(estimation: Estimation) -> str:
-    """Return "roll" or "pitch", the kind of runs that a campaign lacks, or "" if neither is."""
+    """Return "roll" or "pitch", the kind of runs that a campaign lacks; "" if it has both."""
     labels = [record.label for record in estimation.records]
     # Fraction of its height by which each kind of bump lifts each wheel.
     lifts = [b.height_ratios for kind, b in BUMPS.items() if any(f"_{kind}_" in n for n in labels)]

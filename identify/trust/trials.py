@@ -119,7 +119,7 @@ def ranked(
 
 
 def parameters_as_start(box: GreyBox, fitted_box: GreyBox, eta: Real) -> Real:
-    """Return unknowns of `box`: its parameters as in `eta`, unknowns of `fitted_box`; else zero."""
+    """Return unknowns of `box`: parameters as in `eta` (unknowns of `fitted_box`), others zero."""
     n = len(fitted_box.parameters)
     return np.concatenate([eta[:n], np.zeros(len(box.prior_sigma) - n)])
 
@@ -364,7 +364,7 @@ def _wrong_weight(
 
 
 def _changes(box: GreyBox) -> Iterator[_Change]:
-    """Yield every weight with another mass, its place mirrored, or on the other axle.
+    """Yield every weight with another mass, mirrored, or on the other axle; on any other hub.
 
     The true mass or place is near one of them.
     """
