@@ -235,12 +235,12 @@ def _effects(box: GreyBox, richest: _Richest) -> Iterator[_Effect]:
     # Decays alone do not show a factor that all weights have in common.
     if richest.weight_masses and scale_facts(box):
         yield _Effect("weights", "all weights", "%", 100.0, richest.weight_masses)
-    # A clock may be late, or all clocks of a kind of sensors; a sole clock is named by its kind.
+    # A clock may be late, or all of a kind of sensors; a kind's sole clock bears the kind's name.
     late_groups: dict[str, dict[str, dict[int, float]]] = {}  # delays by kind and group
     for i, group in enumerate(richest.groups):
-        delay = richest.delay_index(i)
+        delay, kinds = richest.delay_index(i), {kind_of_sensor(c) for c in group.channels}
         if delay is not None:
-            of_kind = late_groups.setdefault(kind_of_sensor(group.channels[0]), {})
+            of_kind = late_groups.setdefault(kinds.pop() if len(kinds) == 1 else group.name, {})
             of_kind.setdefault(group.name, {})[delay] = 1.0
     late: dict[str, dict[int, float]] = {}
     for groups in late_groups.values():

@@ -14,7 +14,7 @@ from daq.runs import SampleGroup
 from daq.sessions import Session
 from daq.vehicle import FORD_GRANADA, Corner
 from dbc.words import Severity
-from identify.decays.decay import Recording
+from identify.decays.decay import Recording, with_channels
 from identify.decays.usable import usable
 from identify.fit.estimation import Estimation, estimate, first_estimate, generic_vehicles
 from identify.fit.grey_box import GreyBox
@@ -126,6 +126,18 @@ def test_a_lone_group_with_the_name_of_its_kind_may_be_late() -> None:
     causes = rank_causes(replace(result, decays=decays))
     late = {cause.name for cause in causes if cause.kind == "late"}
     assert late == {"body sensors late", "hub sensors late"}
+
+
+def test_a_clock_of_several_kinds_of_sensors_is_named_by_itself() -> None:
+    def as_travel(c: Channel) -> Channel:
+        is_travel = c.name == "hub_acc_fr"
+        return replace(c, quantity=Quantity.SUSPENSION_TRAVEL, unit="m") if is_travel else c
+
+    result = shortly_estimated("linear", 1)
+    decays = tuple(with_channels(decay, as_travel) for decay in result.decays)
+    causes = rank_causes(replace(result, decays=decays))
+    late = {cause.name for cause in causes if cause.kind == "late"}
+    assert late == {"body sensors late", "hub_acc_fl late", "hub sensors late"}
 
 
 def test_tyre_damping_is_named_and_sized_although_a_linear_model_without_it_holds() -> None:
@@ -240,9 +252,7 @@ def test_a_factor_near_one_is_a_matter_of_calibration(factor: float, wrong: bool
         assert cause.explained == pytest.approx(1.0, abs=0.02)
 
 
-def test_the_kinds_that_are_late_are_named_with_their_lateness(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_kinds_that_are_late_are_named_with_their_lateness(monkeypatch: pytest.MonkeyPatch) -> None:
     late = Stress("12 ms late", faults=tuple(SensorFault(c, late_s=0.012) for c in HUBS + TRAVELS))
     monkeypatch.setattr(stress, "STRESSES", {"late": late})
     session = stress_session("late", 1, 100.0, travels=True, repeats=1)
@@ -355,9 +365,7 @@ def _moves(
     return Cause(name, explained=explained, moved=moved)
 
 
-def test_a_parameter_is_lost_to_what_moves_it_by_its_standard_deviation(
-    linear: Estimation,
-) -> None:
+def test_a_parameter_is_lost_to_what_moves_it_by_its_deviation(linear: Estimation) -> None:
     assert survival(linear, ()).surviving == linear.box.names
     for sigmas in (0.98, 1.0, -1.0):
         assert not survival(linear, [_moves(linear, sigmas)]).lost
@@ -370,9 +378,7 @@ def test_a_parameter_is_lost_to_what_moves_it_by_its_standard_deviation(
     assert survival(linear, [far]).lost["m_s"].shift == pytest.approx(np.exp(3.0) - 1.0)
 
 
-def test_of_causes_that_move_a_parameter_alike_the_first_is_named_whatever_the_rounding(
-    linear: Estimation,
-) -> None:
+def test_of_causes_that_move_a_parameter_alike_the_first_is_named(linear: Estimation) -> None:
     first = _moves(linear, 3.0)
     for sigmas, name in (
         (3.0, "hub sensors late"),

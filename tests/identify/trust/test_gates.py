@@ -258,9 +258,7 @@ def test_a_channel_that_is_twice_as_loud_in_one_run_is_pointed_at(linear: Estima
     assert "worst roll_rate in added_pitch_1" in finding.text
 
 
-def test_a_fit_that_did_not_converge_is_refused_and_a_nonlinear_one_doubtful(
-    linear: Estimation,
-) -> None:
+def test_a_fit_astray_is_refused_and_a_nonlinear_one_doubtful(linear: Estimation) -> None:
     lost = replace(linear, fit=replace(linear.fit, converged=False, iterations=30))
     for spoilt, severity, words in (
         (lost, Severity.ERROR, "30 iterations"),

@@ -560,12 +560,8 @@ def of_weights(car: str, seed: int, change: Change) -> Identification:
 @pytest.mark.long
 @pytest.mark.parametrize(
     "change",
-    [
-        pytest.param(further(0, 0.1), id="one 0.1 m off"),
-        pytest.param(further(2, 0.1), id="one behind 0.1 m off"),
-        pytest.param(further(None, 0.03), id="all 30 mm off"),
-        pytest.param(further(0, 0.0, 1.03), id="one 3 % heavy"),
-    ],
+    [further(0, 0.1), further(2, 0.1), further(None, 0.03), further(0, 0.0, 1.03)],
+    ids=["one 0.1 m off", "one behind 0.1 m off", "all 30 mm off", "one 3 % heavy"],
 )
 def test_weights_that_are_off_are_within_the_intervals_or_named(change: Change) -> None:
     result = of_weights("suv", 1, change)
