@@ -173,7 +173,6 @@ MISTAKES = {
     "compare car.h5": "name two sessions or more",
     "batch no/such/*.h5": "no/such/*.h5",
     "batch figure.svg": "no session file",
-    "batch": "files",
     "batch car.h5 --out table.xlsx": "end its name in .csv",
     "batch car.h5 --out car.h5/t.csv": "car.h5: is not a folder",
     "batch car.h5 --workers 0": "--workers",

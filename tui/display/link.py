@@ -84,8 +84,9 @@ def listen_on(host: str) -> tuple[str, socket.socket]:
         raise InputError("display", f"{host} is every address", advice)
     try:
         return address, listen(address, 8010)
-    except OSError as error:
-        reason = f"cannot listen on {address}: {error.strerror or error}"
+    except (OSError, UnicodeError) as error:  # the latter for a name as 192.168..5
+        why = getattr(error, "strerror", None) or "it is no address"
+        reason = f"cannot listen on {address}: {why}"
         raise InputError("display", reason, advice) from error
 
 

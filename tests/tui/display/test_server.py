@@ -324,6 +324,7 @@ def test_one_that_cannot_be_served_is_refused(
         (tmp_path, "0.0.0.0", "every address"),
         (tmp_path, "::", "every address"),
         (tmp_path, "192.0.2.7", r"cannot listen on 192\.0\.2\.7"),
+        (tmp_path, "192.168..5", "it is no address"),
         (tmp_path, "here", r"first line, last line \(start it alone"),
     ):
         with (
