@@ -203,10 +203,9 @@ def onset_s(record: Record) -> float | None:
         if (spread > largest_still).any():
             return None
         away = np.abs(values - level)
-        # Six times the noise: no sample of a long rest is there by chance.
         onset_limit = np.maximum(6.0 * np.maximum(spread, noise), _ONSET_SHARE * away.max(axis=0))
         is_beyond = away > onset_limit
-        has_moved = is_beyond[:-1] & is_beyond[1:]  # one sample alone is a glitch
+        has_moved = is_beyond[:-1] & is_beyond[1:]  # one alone is chance, or a glitch
         first_moved = [np.argmax(column) for column in has_moved.T if column.any()]
         onsets_s += [float(recording.time_s[i]) for i in first_moved]
     return min(onsets_s) if onsets_s else None

@@ -208,14 +208,15 @@ def frozen(records: Sequence[Record]) -> tuple[ChannelHold, ...]:
     step of its converter.  So a held value counts only where the channel changes often enough at
     rest before the bump, or, if it is constant there too, in a repeat of the run.
     """
-    # Where a channel hides the onset, rest ends and decay begins as in most other runs.
-    shown_s = [(s, decay_start_s(r)) for r in records if (s := onset_s(r)) is not None]
-    usual_s = np.median(shown_s, axis=0).tolist() if shown_s else [-np.inf, -np.inf]
+    # Where a channel hides the onset, the decay begins as in most other runs.
+    starts_s = [decay_start_s(record) for record in records if onset_s(record) is not None]
+    usual_start_s = float(np.median(starts_s)) if starts_s else -np.inf
     holds = []
     for record in records:
         rest_end_s, start_s = onset_s(record), decay_start_s(record)
         if rest_end_s is None:
-            rest_end_s, start_s = (max(s, record.start_s) for s in usual_s)
+            # With the bump as rest a coarse channel is frozen, which spares the fit this bump.
+            rest_end_s = start_s = max(usual_start_s, record.start_s)
         for recording in record.recordings:
             for channel, column in zip(recording.group.channels, recording.values.T, strict=True):
                 longest = longest_hold(recording.time_s, column, rest_end_s, start_s)

@@ -149,15 +149,6 @@ def test_a_run_that_ends_with_its_bump_is_left_out(length_s: float, reason: str)
     assert (reason in found) if reason else not found
 
 
-def test_a_coarse_channel_that_only_the_bump_moves_is_not_frozen() -> None:
-    """Also not where a swing at the beginning hides the onset of a run: the bump is no rest."""
-    coarse = np.clip(np.round(100.0 * (_time - 1.0)), 0.0, 20.0)
-    swings = moving(1) + 50.0 * (_time < 0.08) * (-1.0) ** np.arange(len(_time))
-    hidden = {"a": (_time, swings), "c": (_time, coarse)}
-    shown = {"a": sent(WHOLE, 1), "c": (_time, coarse)}
-    assert reasons(session(shown, hidden, shown)) == ["", "", ""]
-
-
 def test_a_run_that_ends_early_hides_no_frozen_channel_of_its_repeats() -> None:
     short = {name: sent(_time < 1.3, seed) for seed, name in enumerate("ab")}
     held = {"a": sent(WHOLE), "b": (_time, np.full(len(_time), 3.0))}
