@@ -30,7 +30,7 @@ def print_json(document: Mapping[str, Any]) -> None:
 
 
 def print_table(title: str, columns: list[str], rows: list[list[str]]) -> None:
-    """Write a table and an empty line: the first column to the left, numbers to the right."""
+    """Write a table and an empty line: the first column to the left, the others to the right."""
     from rich.table import Table
     from rich.text import Text
 

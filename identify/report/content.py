@@ -282,7 +282,7 @@ def report_of(
             *([damper_section(result.forces)] if result.forces else []),
             modes_section(result, checks.diagrams),
             decay_section(estimation),
-            prediction_section(checks.predictions),
+            *([prediction_section(checks.predictions)] if checks.predictions else []),
             information_section(result),
             correlation_section(result),
             closed_form_section(result),

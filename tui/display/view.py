@@ -181,7 +181,7 @@ def _view_of(status: Status) -> View:
 
 
 def headline(status: Status) -> Headline:
-    """Return the word of a status: an alarm that stops the campaign first, then the phase."""
+    """Return the headline of a status: a stopping alarm first, a question next, then the phase."""
     if (alarm := shown_obstacle(status)) is not None:
         name, advice, _ = cause_words(alarm)
         return Headline("stopped", ("STOP",), name, advice)
