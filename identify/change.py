@@ -78,6 +78,7 @@ def likelihood_of(
         blocks = estimation.engine.normal_blocks(estimation.decays, estimation.sigma, eta).values()
         full_information = np.sum([block.information for block in blocks], axis=0)
         gradient = np.sum([block.gradient for block in blocks], axis=0)
+    # The session's other unknowns follow the common ones, each to its best value.
     inverse = pseudo_inverse(full_information[p:, p:])
     cross = full_information[:p, p:] @ inverse
     information = full_information[:p, :p] - cross @ full_information[p:, :p]

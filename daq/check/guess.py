@@ -187,7 +187,7 @@ def guess_channels(candidates: Sequence[Candidate], pushes: Pushes | None) -> di
 
     Guesses from names give way to those from gravity, and both to those from `pushes`.
     """
-    devices: dict[tuple[str, Corner | None], list[Candidate]] = defaultdict(list)
+    devices: dict[tuple[str, Corner | None], list[Candidate]] = defaultdict(list)  # by sensor
     for s in candidates:
         devices[s.sensor, s.corner].append(s)
     with_gyroscope = {s.sensor for s in candidates if s.si_unit in ("rad/s", "rad/s2")}
@@ -306,9 +306,9 @@ def _by_mounting(device: Sequence[Candidate], pushes: Pushes | None) -> dict[str
     mounted = mounting(gravity_g, angles)
     if mounted is None:
         levels = ", ".join(f"{gravity_g[axis]:+.2f}" for axis in AXES)
-        ask = f"no axis is vertical: it reads {levels} g"
-        tilted = Guess(Quantity.UNUSED, "tilted", ask=ask, of_device=True)
-        return {s.full: tilted for s in accelerations.values()}
+        ask = f"is one axis vertical, and the unit right? It reads {levels} g"
+        unclear = Guess(Quantity.UNUSED, "no axis reads 1 g", ask=ask, of_device=True)
+        return {s.full: unclear for s in accelerations.values()}
     vertical_axis, sign = axis_of(mounted.up)
     guesses = {}
     for axis, s in accelerations.items():

@@ -275,7 +275,7 @@ def fig2_study() -> Study:
             "added mass / % of M",
             "change / %",
             tuple(
-                Curve(str(i + 1), shares, change, hue=1 if i < 3 else 2)
+                Curve(str(i + 1), shares, change, hue=1 if i < 3 else 2)  # of body, of wheels
                 for i, change in enumerate(by_mode[:, k])
             ),
         )

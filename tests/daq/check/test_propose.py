@@ -395,6 +395,13 @@ def test_without_pushes_forward_is_asked_and_with_pushes_that_show_nothing_so_is
         assert (pot.corner, pot.is_proven, pot.ask) == (Corner.FRONT_LEFT, False, "")
 
 
+@pytest.mark.parametrize(("y", "z"), [(0.7, 0.7), (0.0, 9.8)])
+def test_a_tilted_device_or_a_wrong_unit_is_asked_about(y: float, z: float) -> None:
+    guess = device(gravity=(0.0, y, z))["Imu.AccZ"]
+    assert guess.quantity is Quantity.UNUSED
+    assert "is one axis vertical, and the unit right? It reads +0.00, " in guess.ask
+
+
 def test_pushes_show_how_an_imu_is_turned() -> None:
     """Its y axis points forward: it turns about x as the nose goes down, backwards."""
     down_on_left, nose_down = trace([-1.0, 1.0, -1.0, 1.0]), trace([-1.0, -1.0, 1.0, 1.0])
