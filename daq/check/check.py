@@ -64,7 +64,7 @@ def check_bench(bench: Bench, codec: Codec, frames: FrameBatch, today: date) -> 
     """
     mapped = mapped_channels(bench, codec)
     if not len(frames):
-        advice = "check power, wiring, termination and the bit rate; sensors that must be started"
+        advice = "check power, wiring, termination and bit rate; start sensors that need a command"
         line = Finding("no_frames", FAIL, "no frame was received", "bus", advice)
         return CheckReport(0.0, 0, (line,))
     decoded = codec.decode(frames)
