@@ -149,7 +149,7 @@ class Candidate:
         stated = [axis for axis, axis_words in _AXES.items() if name_words & axis_words]
         if len(stated) == 1:
             return stated[0]
-        return last_letter if last_letter in _AXES else None
+        return last_letter if last_letter in _AXES and "body" not in name_words else None
 
     @property
     def gravity_g(self) -> float | None:

@@ -25,7 +25,7 @@ from dbc.codec import CRC_RULES, DecodeCounts, Decoded, MessageLayout, Samples, 
 
 from ..sensor_bench import Row, frame_batch
 from .test_frame_limits import sent
-from .test_pushes import pushes, trace
+from .test_pushes import FL, FR, RL, RR, pushes, trace
 
 Numbers = Sequence[float] | NDArray[Any]
 
@@ -121,9 +121,8 @@ def test_hostile_names_stay_inside_their_quotes() -> None:
 
 def test_pushes_show_travels_in_other_units_and_beside_values_that_are_none() -> None:
     database, rows = 'VERSION ""\n\nBU_: A\n\n', []
-    for n, (unit, size, heights) in enumerate(
-        (("mm", 1.0, [9.0, 3.0, 3.0, 3.0]), ("m", 1e-3, [3.0, 3.0, 3.0, 9.0])), start=16
-    ):
+    pots = ("mm", 1.0, [9.0, 3.0, 3.0, 3.0]), ("m", 1e-3, [3.0, 3.0, 3.0, 9.0])
+    for n, (unit, size, heights) in enumerate(pots, start=16):
         database += f'BO_ {n} M{n}: 4 A\n SG_ Travel : 0|32@1- (1,0) [0|0] "{unit}" A\n\n'
         t_ns, value = trace(heights)
         value[700] = np.nan
@@ -276,17 +275,11 @@ def alone(full: str, unit: str, level: float | None = None) -> Guess | None:
 @pytest.mark.parametrize(
     ("name", "corner"),
     [
-        ("acc_FL", Corner.FRONT_LEFT),
-        ("AccRR", Corner.REAR_RIGHT),
-        ("wheel_front_right_z", Corner.FRONT_RIGHT),
-        ("accHinterachseHL", Corner.REAR_LEFT),
-        ("accfederwegvr", Corner.FRONT_RIGHT),
-        ("LF_hub", Corner.FRONT_LEFT),
-        ("HubAcc_FL2 vert-up", Corner.FRONT_LEFT),
-        ("acc_z", None),
+        ("acc_FL", FL), ("AccRR", RR), ("wheel_front_right_z", FR), ("accHinterachseHL", RL),
+        ("accfederwegvr", FR), ("LF_hub", FL), ("HubAcc_FL2 vert-up", FL), ("acc_z", None),
         ("front_rear_z", None),
     ],
-)
+)  # fmt: skip
 def test_an_acceleration_is_at_the_corner_of_its_name(name: str, corner: Corner | None) -> None:
     guess = alone(f"M.{name}", "g")
     assert guess is not None
@@ -384,9 +377,8 @@ def test_without_pushes_forward_is_asked_and_with_pushes_that_show_nothing_so_is
     for traces, said in ((None, False), ({}, True)):
         found = device(traces)
         roll, pitch, yaw = (found[name] for name in RATES)
-        assert (roll.quantity, pitch.quantity, yaw.quantity) == (
-            Quantity.ROLL_RATE, Quantity.PITCH_RATE, Quantity.UNUSED,
-        )  # fmt: skip
+        turns = Quantity.ROLL_RATE, Quantity.PITCH_RATE, Quantity.UNUSED
+        assert (roll.quantity, pitch.quantity, yaw.quantity) == turns
         assert (roll.of_device, roll.is_proven) == (True, False)
         assert "+x axis" in roll.ask
         assert ("pushes did not show it" in roll.ask) is said
@@ -400,6 +392,14 @@ def test_a_tilted_device_or_a_wrong_unit_is_asked_about(y: float, z: float) -> N
     guess = device(gravity=(0.0, y, z))["Imu.AccZ"]
     assert guess.quantity is Quantity.UNUSED
     assert "is one axis vertical, and the unit right? It reads +0.00, " in guess.ask
+
+
+def test_an_accelerometer_named_by_the_body_is_none_of_the_axes_of_an_imu() -> None:
+    levels = {"Imu.AccX": 0.0, "Imu.AccY": 0.0, "Imu.AccZ": 1.0, "Imu.acc_body": 1.0}
+    signals = [signal(full, "g", level) for full, level in levels.items()]
+    found = guess_channels([one for one in signals if one is not None], None)
+    used = {name for name, guess in found.items() if guess.quantity is not Quantity.UNUSED}
+    assert used == {"Imu.AccZ", "Imu.acc_body"}
 
 
 def test_pushes_show_how_an_imu_is_turned() -> None:
