@@ -252,6 +252,12 @@ def test_a_factor_near_one_is_a_matter_of_calibration(factor: float, wrong: bool
         assert cause.explained == pytest.approx(1.0, abs=0.02)
 
 
+def test_a_channel_in_two_groups_is_one_of_two_channels(linear: Estimation) -> None:
+    hubs = linear.box.groups[1]
+    box = replace(linear.box, groups=(hubs, replace(hubs, name="of another run")))
+    assert wrong_channel(replace(linear, box=box, decays=())) is None
+
+
 def test_kinds_that_are_late_are_named_with_their_lateness(monkeypatch: pytest.MonkeyPatch) -> None:
     late = Stress("12 ms late", faults=tuple(SensorFault(c, late_s=0.012) for c in HUBS + TRAVELS))
     monkeypatch.setattr(stress, "STRESSES", {"late": late})
