@@ -236,17 +236,19 @@ def _effects(box: GreyBox, richest: _Richest) -> Iterator[_Effect]:
     if richest.weight_masses and scale_facts(box):
         yield _Effect("weights", "all weights", "%", 100.0, richest.weight_masses)
     # A clock may be late, or all of a kind of sensors; a kind's sole clock bears the kind's name.
-    late_groups: dict[str, dict[str, dict[int, float]]] = {}  # delays by kind and group
+    # A kind of which a clock has other sensors as well is no name of it.
+    late: dict[str, dict[int, float]] = {}  # delays by clock or kind
+    kinds: dict[str, set[str]] = {}  # of the sensors of each clock
     for i, group in enumerate(richest.groups):
-        delay, kinds = richest.delay_index(i), {kind_of_sensor(c) for c in group.channels}
+        delay = richest.delay_index(i)
         if delay is not None:
-            of_kind = late_groups.setdefault(kinds.pop() if len(kinds) == 1 else group.name, {})
-            of_kind.setdefault(group.name, {})[delay] = 1.0
-    late: dict[str, dict[int, float]] = {}
-    for groups in late_groups.values():
-        for name, delays in groups.items() if len(groups) > 1 else ():
-            late[name] = late.get(name, {}) | delays
-    late |= {kind: dict(ChainMap(*groups.values())) for kind, groups in late_groups.items()}
+            late.setdefault(group.name, {})[delay] = 1.0
+            kinds.setdefault(group.name, set()).update(map(kind_of_sensor, group.channels))
+    for kind in sorted(set[str]().union(*kinds.values())):
+        clocks = [name for name, of_clock in kinds.items() if kind in of_clock]
+        if all(kinds[name] == {kind} for name in clocks):
+            take = late.pop if len(clocks) == 1 else late.__getitem__
+            late[kind] = dict(ChainMap(*map(take, clocks)))
     for name, delays in late.items():
         yield _Effect("late", name, "ms", 1e3, delays)
     for i, channel in richest.fitted_gains.items():

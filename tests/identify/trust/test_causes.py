@@ -137,7 +137,7 @@ def test_a_clock_of_several_kinds_of_sensors_is_named_by_itself() -> None:
     decays = tuple(with_channels(decay, as_travel) for decay in result.decays)
     causes = rank_causes(replace(result, decays=decays))
     late = {cause.name for cause in causes if cause.kind == "late"}
-    assert late == {"body sensors late", "hub_acc_fl late", "hub sensors late"}
+    assert late == {"body sensors late", "hub_acc_fl late", "hub_acc_rl late"}
 
 
 def test_tyre_damping_is_named_and_sized_although_a_linear_model_without_it_holds() -> None:
