@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from json import dumps
 from pathlib import Path
 from typing import Any
@@ -53,14 +54,14 @@ def import_logs(
     buses whose frames are read; empty: all.  `one_run_each`: the first bump of each log is a run,
     with the step of its log.  Raises InputError if no run is in them.
     """
-    parts = _log_parts(bench, codec, sources, buses, stage, one_run_each)
+    counted_parts = _log_parts(bench, codec, sources, buses, stage, one_run_each)
+    parts = [part for part, _ in counted_parts]
     if one_run_each:
-        for part, source in zip(parts, sources, strict=True):
-            _require_a_bump([part], [source])
-        pairs = zip(parts, steps, strict=True)
-        parts = [labelled([part], [step], 0)[0] for part, step in pairs]
+        for counted_part, source in zip(counted_parts, sources, strict=True):
+            _require_a_bump([counted_part], [source])
+        parts = [labelled([part], [step], 0)[0] for part, step in zip(parts, steps, strict=True)]
     else:
-        _require_a_bump(parts, sources)
+        _require_a_bump(counted_parts, sources)
         parts = list(labelled(parts, steps, skip))
     stage(1.0, "reading the logs' hashes")
     facts = [
@@ -112,8 +113,7 @@ def import_channels(
         columns = read_columns(path, channel_map.columns)
         unread += [f"{path} is not whole: {reason}" for reason in columns.unread]
         samples = recording(channel_map, columns)
-        facts = {"format": "channels", "files": [_file_facts(path)]}
-        provenance[f"source_{i + 1}"] = dumps(facts)
+        provenance[f"source_{i + 1}"] = dumps({"format": "channels", "files": [_file_facts(path)]})
         if channel_map.runs:
             runs += [given_run(channel_map, samples, *stated) for stated in channel_map.runs]
             continue
@@ -138,39 +138,39 @@ def _log_parts(
     buses: frozenset[int],
     stage: Stage,
     one_run_each: bool,
-) -> list[LogPart]:
-    """Return the stretches of time in logs: logs that follow each other without a gap are one.
+) -> list[tuple[LogPart, int]]:
+    """Return the stretches of time in logs, each with its number of frames.
 
-    With `one_run_each` each log is one, also a log without a frame.
+    Logs that follow each other without a gap are one; with `one_run_each` each log is one, also a
+    log without a frame.
     """
     intakes: list[Intake] = []
-    earlier_losses = HopLosses()  # of the logs before the present one in its stretch
-    n_bumps = n_frames = 0
+    n_frames: list[int] = []  # taken by each
+    n_bumps, earlier_losses = 0, HopLosses()
     for i, source in enumerate(sources):
-        if one_run_each:
-            intakes.append(Intake(bench, codec))
-            earlier_losses = HopLosses()
         of_buses = filter(len, (batch.on_buses(buses) for batch in source))
-        for k, batch in enumerate(of_buses):
-            follows = k > 0 or one_run_each or (intakes and intakes[-1].goes_on_with(batch))
-            if not follows:
-                intakes.append(Intake(bench, codec))
-                earlier_losses = HopLosses()
-            # `hops` counts from the beginning of each log anew.
+        first = next(of_buses, None)
+        goes_on = first is None or (intakes and intakes[-1].goes_on_with(first))
+        if one_run_each or not goes_on:
+            intakes.append(Intake(bench, codec))
+            n_frames.append(0)
+            earlier_losses = HopLosses()  # of earlier logs of the stretch: `hops` is of each log
+        for batch in chain(() if first is None else (first,), of_buses):
             n_bumps += intakes[-1].take(batch, earlier_losses.plus(source.hops))
-            n_frames += len(batch)
+            n_frames[-1] += len(batch)
             done = (i + source.read_fraction) / len(sources)
-            stage(done, f"{counted(n_frames, 'frame')}, {counted(n_bumps, 'bump')}")
+            stage(done, f"{counted(sum(n_frames), 'frame')}, {counted(n_bumps, 'bump')}")
         earlier_losses = earlier_losses.plus(source.hops)
-    return [intake.part() for intake in intakes]
+    return [(intake.part(), n) for intake, n in zip(intakes, n_frames, strict=True)]
 
 
-def _require_a_bump(parts: Sequence[LogPart], sources: Sequence[Log]) -> None:
+def _require_a_bump(parts: Sequence[tuple[LogPart, int]], sources: Sequence[Log]) -> None:
     """Raise InputError for logs without a bump, with the reason if it is known."""
-    if any(part.bumps for part in parts):
+    if any(part.bumps for part, _ in parts):
         return
-    n_frames = sum(source.frames for source in sources)
-    n_unknown = sum(part.unknown_id for part in parts)
+    # Where the buses that were chosen have no frame, those of the others are stated.
+    n_frames = sum(n for _, n in parts) or sum(source.frames for source in sources)
+    n_unknown = sum(part.unknown_id for part, _ in parts)
     reason = f"no bump in {counted(n_frames, 'frame')}, {n_unknown} of them not in the DBC"
     advice = "a bump needs rest before it; see [trigger] level and rest_s in bench.toml"
     if not parts or n_unknown == n_frames:
