@@ -200,8 +200,7 @@ def rank_causes(estimation: Estimation) -> tuple[Cause, ...]:
 def _embedding(box: GreyBox, richest: GreyBox) -> Real:
     """Return the matrix from the P unknowns of a problem to the R of the richest one, (R, P).
 
-    A parameter of both sides is two there; the cross weight, an unknown of both problems if loads
-    of corners are stated, comes last.
+    A parameter of both sides is two there; a cross weight (if corners are weighed) is last in both.
     """
     E = np.zeros((len(richest.prior_sigma), len(box.prior_sigma)))
     for p, name in enumerate(box.parameters):

@@ -280,12 +280,10 @@ class _Change(NamedTuple):
 
 
 def wrong_weight(estimation: Estimation) -> Cause | None:
-    """Return the weight that is stated wrongly by much; None if there is none.
+    """Return the weight that is wrong by much in a fit that does not hold; None if there is none.
 
     A linear car is known from its runs without weights.  Where these leave as much of the misfit as
     those with them, the car is not linear: then `mistyped_weight`.
-
-    `estimation`: a fit that does not hold.
     """
 
     def explains(with_change: float, as_stated: float, unloaded: float) -> bool:
