@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -98,3 +99,10 @@ def test_a_fault_of_the_program_is_no_refusal(
     assert ended.value.code == 70
     line = capsys.readouterr().err.splitlines()[-1]
     assert line.startswith("bumpbench: error: ZeroDivisionError: a fault of bumpbench")
+
+
+def test_sigterm_ends_a_command_as_a_shell_reports_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cli, "run", lambda _: signal.raise_signal(signal.SIGTERM))
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 143

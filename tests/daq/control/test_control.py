@@ -273,12 +273,15 @@ def test_what_is_no_request_gets_one_line(
     Client(address, "Anna", control=True).close()  # all goes on
 
 
-def test_a_line_without_an_end_ends_its_connection_alone(server: Server, address: Path) -> None:
+def test_a_line_without_an_end_ends_its_connection_alone(
+    server: Server, address: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     with socket.socket(socket.AF_UNIX) as flood:
         flood.connect(str(address))
         with pytest.raises(ConnectionError):
             flood.sendall(b"x" * 5 * MAX_REQUEST_BYTES)
     Client(address, "Anna", control=True).close()
+    assert not caplog.records  # of an exception in the server
 
 
 def test_a_late_answer_is_not_that_to_the_next_question(

@@ -97,6 +97,17 @@ def test_what_had_arrived_is_read(waiting: list[int], read: list[int]) -> None:
     assert read_after_the_stop(Late(waiting)) == read
 
 
+def test_a_reader_that_hangs_in_its_driver_is_not_waited_for() -> None:
+    source, readers = Late([1]), Readers(PieceQueue(), StorageWatch())
+    readers.start([Link(BusConfig("test", "late", 1_000_000), 0, lambda *_: source)])
+    assert source.begun.wait(PATIENCE_S)
+    began_s = time.monotonic()
+    readers.halt(0.01)
+    assert time.monotonic() - began_s < PATIENCE_S / 2.0
+    source.awake.set()
+    readers.halt(PATIENCE_S)
+
+
 def test_a_bus_that_is_never_empty_holds_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:
     assert DRAIN_S < HALT_S
     monkeypatch.setattr("daq.recorder.readers.DRAIN_S", 0.1)
