@@ -6,7 +6,6 @@ uncertain guesses are marked ASK, and both are returned as questions.
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ from pathlib import PurePath
 from typing import NamedTuple
 
 import numpy as np
+import tomlkit
 from numpy.typing import NDArray
 
 from dbc.codec import Decoded, MessageLayout, SignalLayout
@@ -230,6 +230,11 @@ def _named(present: Sequence[FoundSensor]) -> list[FoundSensor]:
 # The tables of bench.toml -------------------------------------------------------------------------
 
 
+def _quoted(text: str) -> str:
+    """Return a text as TOML writes it; JSON would write an emoji as two surrogates."""
+    return tomlkit.string(text).as_string()
+
+
 def _head(
     databases: Databases, sensors: Sequence[FoundSensor], buses: Sequence[BusConfig], n_buses: int
 ) -> list[str]:
@@ -240,7 +245,7 @@ def _head(
         "# A signal without a unit in the database is not proposed: add its [[channel]].",
     ]
     if not sensors:
-        lines.append(f"dbc = {json.dumps(next(iter(databases)))}")
+        lines.append(f"dbc = {_quoted(next(iter(databases)))}")
     for number in range(n_buses):
         is_given = number < len(buses)
         bus = buses[number] if is_given else BusConfig("socketcan", f"can{number}", 500_000)
@@ -248,8 +253,8 @@ def _head(
         lines += [
             "",
             "[bus]" if n_buses == 1 else "[[bus]]",
-            f"interface = {json.dumps(bus.interface)}{mark}",
-            f"channel = {json.dumps(bus.channel)}{mark}",
+            f"interface = {_quoted(bus.interface)}{mark}",
+            f"channel = {_quoted(bus.channel)}{mark}",
             f"bitrate = {bus.bitrate}{mark}",
         ]
     for sensor, why, surely in sensors:
@@ -257,8 +262,8 @@ def _head(
         lines += [
             "",
             "[[sensor]]",
-            f"name = {json.dumps(sensor.name)}",
-            f"{key} = {json.dumps(sensor.database.removeprefix(PREFIX))}",
+            f"name = {_quoted(sensor.name)}",
+            f"{key} = {_quoted(sensor.database.removeprefix(PREFIX))}",
             *([f"id_offset = {sensor.id_offset}"] if sensor.id_offset else []),
             f"bus = {sensor.bus_position}  {'# ' if surely else ASK}{printable(why, 200)}",
         ]
@@ -307,7 +312,7 @@ def _channel_table(name: str, full: str, guess: Guess) -> list[str]:
         "",
         "[[channel]]",
         f'name = "{name}"',
-        f"signal = {json.dumps(full)}",
+        f"signal = {_quoted(full)}",
         f'quantity = "{guess.quantity}"  # {printable(guess.why, 200)}',
     ]
     if guess.ask:
@@ -364,7 +369,7 @@ def message_rule(
             checksum = checksum or _checksum_lines(signal, arrivals, message.length)
     lines += [] if message.counter else counter
     lines += [] if message.crc else checksum
-    return ["[[message]]", f"name = {json.dumps(message.name)}", *lines] if lines else []
+    return ["[[message]]", f"name = {_quoted(message.name)}", *lines] if lines else []
 
 
 def _counter_lines(signal: SignalLayout, value: NDArray[np.float64]) -> list[str]:
@@ -377,7 +382,7 @@ def _counter_lines(signal: SignalLayout, value: NDArray[np.float64]) -> list[str
     modulus = int(value.max()) + 1 if np.any(step < 0) else 1 << signal.length
     if np.mean(step % modulus == 1) < 0.9:  # the others are those of lost frames
         return []
-    lines = [f"counter = {json.dumps(signal.name)}  # counts by one"]
+    lines = [f"counter = {_quoted(signal.name)}  # counts by one"]
     if modulus != 1 << signal.length:
         lines.append(f"counter_modulus = {modulus}  # starts again after {modulus - 1}")
     return lines
@@ -389,5 +394,5 @@ def _checksum_lines(signal: SignalLayout, arrivals: Arrivals, length: int) -> li
     if not signal.is_one_byte or not words(signal.name) & checksum_words:
         return []
     rules = fitting_rules(arrivals, signal.first_byte, length)[:1]
-    crc = f"crc = {json.dumps(signal.name)}"
+    crc = f"crc = {_quoted(signal.name)}"
     return [line for rule in rules for line in (crc, f'crc_rule = "{rule}"  # matches all frames')]

@@ -113,9 +113,10 @@ def test_traffic_tells_the_axis_the_sign_the_counter_the_checksum_and_the_clock(
     assert text.count("FILL IN") >= 6
 
 
-def test_hostile_names_stay_inside_their_quotes() -> None:
-    proposal = propose_sensors({'a"b\n.dbc': DBC}, (), None, None).text
-    assert tomllib.loads(proposal)["dbc"] == 'a"b\n.dbc'
+@pytest.mark.parametrize("name", ['a"b\n.dbc', "\N{GRINNING FACE}\x7f.dbc"])
+def test_hostile_names_stay_inside_their_quotes(name: str) -> None:
+    proposal = propose_sensors({name: DBC}, (), None, None).text
+    assert tomllib.loads(proposal)["dbc"] == name
     assert tomllib.loads(proposal)["bus"]["channel"] == "can0"
 
 
