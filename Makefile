@@ -49,8 +49,8 @@ fleet: .venv/test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.simulated.fleet_study $(or $(CARS),20)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.simulated.other_laws $(or $(CARS),20)
 
-# Small faults in the sources (cosmic-ray), each against the tests of its room and then the commands': lists
-# those that no test finds.  PATHS: files; without it all packages.
+# Small faults in the sources (cosmic-ray), each against the tests that pass through its line: lists those
+# that no test finds.  PATHS: files; without it all packages.
 mutate: .venv/test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.house.mutate --count $(or $(N),200) --seed $(or $(SEED),1) $(PATHS)
 

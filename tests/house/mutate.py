@@ -1,4 +1,4 @@
-"""Draw small faults in the sources (cosmic-ray) and list those that no test of their room finds.
+"""Draw small faults in the sources (cosmic-ray) and list those that no test finds.
 
 ``python -m tests.house.mutate --count 200 --seed 1 [FILE ...]``: exit code 1 below 85 % killed.
 """
@@ -6,11 +6,13 @@
 import argparse
 import os
 import random
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -19,6 +21,7 @@ from cosmic_ray.commands import init
 from cosmic_ray.mutating import mutate_and_test
 from cosmic_ray.work_db import WorkDB, use_db
 from cosmic_ray.work_item import MutationSpec, WorkResult
+from coverage import CoverageData
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("dbc", "daq", "identify", "tui")
@@ -28,40 +31,66 @@ WITHOUT_MEANING = ("BitOr", "RemoveDecorator")
 """Operators left out: `|` is mostly a union of types; a class without its decorator fails."""
 
 
+@cache
+def mutations_of(path: Path) -> list[MutationSpec]:
+    """Return all mutations of a file, in a fixed order."""
+    with use_db(":memory:", WorkDB.Mode.create) as database:
+        init([path], database, {})
+        offered = [
+            mutation
+            for item in database.work_items
+            for mutation in item.mutations
+            if not any(name in mutation.operator_name for name in WITHOUT_MEANING)
+        ]
+    return sorted(offered, key=lambda m: (m.operator_name, m.occurrence))
+
+
 def draw(sources: list[Path], count: int, seed: int) -> list[MutationSpec]:
     """Return `count` mutations: a file drawn by its lines, then one mutation of the file."""
     rng = random.Random(seed)
     lines = [len(path.read_text("utf-8").splitlines()) for path in sources]
     drawn: list[MutationSpec] = []
     while len(drawn) < count:
-        path = rng.choices(sources, lines)[0]
-        with use_db(":memory:", WorkDB.Mode.create) as database:
-            init([path], database, {})
-            offered = [
-                mutation
-                for item in database.work_items
-                for mutation in item.mutations
-                if not any(name in mutation.operator_name for name in WITHOUT_MEANING)
-            ]
-        if offered:
-            drawn.append(rng.choice(sorted(offered, key=lambda m: (m.operator_name, m.occurrence))))
+        if offered := mutations_of(rng.choices(sources, lines)[0]):
+            drawn.append(rng.choice(offered))
     return drawn
 
 
-def tests_of(source: Path) -> list[str]:
-    """Return the tests that judge a source file: those of its room, then those of the commands."""
-    package, *rooms = source.parent.parts
-    places = [Path("tests", package, *rooms[:depth]) for depth in range(len(rooms), -1, -1)]
-    named = Path("tests", package, *rooms, f"test_{source.stem}.py")
-    existing = [str(place) for place in (named, *places) if (ROOT / place).exists()]
-    return [*existing[:2], "tests/flow"]
+def passing_tests(data: Path) -> CoverageData:
+    """Run all tests once, and return which of them pass through which line of the sources."""
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", "auto"]
+    measured = [f"--cov={package}" for package in PACKAGES]
+    subprocess.run(
+        [*command, *measured, "--cov-context=test", "--cov-report="],
+        cwd=ROOT,
+        env={**os.environ, "COVERAGE_FILE": str(data)},
+        check=False,  # a test that the tracing slows too much is named by pytest
+    )
+    coverage = CoverageData(data)
+    coverage.read()
+    return coverage
 
 
-def judge(mutation: MutationSpec, copy: Path) -> WorkResult:
+def tests_of(source: Path, line: int, coverage: CoverageData) -> list[str]:
+    """Return the tests that judge a line, those of its room first.
+
+    They are those that pass through it, or through the last traced line above it; of a line that
+    runs at the import those of its file, of a file of compiled functions those of its room.
+    """
+    room = str(Path("tests", *source.parent.parts))
+    traced = coverage.contexts_by_lineno(str(ROOT / source))
+    above = max((number for number in traced if number <= line), default=line)
+    passing = set(traced.get(above, ())) - {""} or set().union(*traced.values()) - {""}
+    # What a fixture passes through serves all tests of its file; the values of a test are left out.
+    tests = {re.split(r"[\[|]" if name.endswith("|run") else "::", name)[0] for name in passing}
+    return sorted(tests, key=lambda test: (not test.startswith(room), test)) or [room]
+
+
+def judge(mutation: MutationSpec, copy: Path, coverage: CoverageData) -> WorkResult:
     """Return what the tests say of one mutation, made in a copy of the tree."""
     source = mutation.module_path.relative_to(ROOT)
     command = f"env PYTHONPATH={copy} {sys.executable} -m pytest -q -x -p no:cacheprovider"
-    tests = [str(copy / place) for place in tests_of(source)]
+    tests = [str(copy / test) for test in tests_of(source, mutation.start_pos[0], coverage)]
     moved = attrs.evolve(mutation, module_path=copy / source)
     return mutate_and_test([moved], " ".join([command, *tests]), TIMEOUT_S)
 
@@ -86,6 +115,7 @@ def main() -> int:
     mutations = draw(sources, options.count, options.seed)
     survivors = 0
     with tempfile.TemporaryDirectory() as folder:
+        coverage = passing_tests(Path(folder, "coverage"))
         copies: SimpleQueue[Path] = SimpleQueue()
         for number in range(options.jobs):
             for path in files:
@@ -97,7 +127,7 @@ def main() -> int:
         def run(mutation: MutationSpec) -> WorkResult:
             copy = copies.get()
             try:
-                return judge(mutation, copy)
+                return judge(mutation, copy, coverage)
             finally:
                 copies.put(copy)
 
