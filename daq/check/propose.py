@@ -6,6 +6,7 @@ uncertain guesses are marked ASK, and both are returned as questions.
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +15,6 @@ from pathlib import PurePath
 from typing import NamedTuple
 
 import numpy as np
-import tomlkit
 from numpy.typing import NDArray
 
 from dbc.codec import Decoded, MessageLayout, SignalLayout
@@ -231,8 +231,8 @@ def _named(present: Sequence[FoundSensor]) -> list[FoundSensor]:
 
 
 def _quoted(text: str) -> str:
-    """Return a text as TOML writes it; JSON would write an emoji as two surrogates."""
-    return tomlkit.string(text).as_string()
+    """Return a text in quotes as TOML has it: as JSON, but an emoji is no two surrogates."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _head(

@@ -63,7 +63,7 @@ def passing_tests(data: Path) -> CoverageData:
     subprocess.run(
         [*command, *measured, "--cov-context=test", "--cov-report="],
         cwd=ROOT,
-        env={**os.environ, "COVERAGE_FILE": str(data)},
+        env=os.environ | {"COVERAGE_FILE": str(data)},
         check=False,  # a test that the tracing slows too much is named by pytest
     )
     coverage = CoverageData(data)
