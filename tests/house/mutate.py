@@ -36,13 +36,9 @@ def mutations_of(path: Path) -> list[MutationSpec]:
     """Return all mutations of a file, in a fixed order."""
     with use_db(":memory:", WorkDB.Mode.create) as database:
         init([path], database, {})
-        offered = [
-            mutation
-            for item in database.work_items
-            for mutation in item.mutations
-            if not any(name in mutation.operator_name for name in WITHOUT_MEANING)
-        ]
-    return sorted(offered, key=lambda m: (m.operator_name, m.occurrence))
+        offered = [mutation for item in database.work_items for mutation in item.mutations]
+    kept = [m for m in offered if not any(name in m.operator_name for name in WITHOUT_MEANING)]
+    return sorted(kept, key=lambda m: (m.operator_name, m.occurrence))
 
 
 def draw(sources: list[Path], count: int, seed: int) -> list[MutationSpec]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from base64 import b64encode
 from dataclasses import replace
 from pathlib import Path
@@ -160,11 +161,9 @@ def test_a_session_is_decoded_anew_with_a_corrected_dbc(
     old = tmp_path / "s.h5"
     answered(capsys, "import", str(campaign), bench, "--out", str(old))
     before = old.read_bytes()
-    lines = shipped_dbc().splitlines()
-    row = next(i for i, line in enumerate(lines) if "SG_ acc_fl" in line)
-    factor = lines[row].split("(")[1].split(",")[0]
-    lines[row] = lines[row].replace(f"({factor},", f"({2 * float(factor)!r},")
-    (tmp_path / "new.dbc").write_text("\n".join(lines))
+    factor = re.compile(r"(SG_ acc_fl .*?\()(.+?),")
+    changed = factor.sub(lambda m: f"{m[1]}{2.0 * float(m[2])!r},", shipped_dbc())
+    (tmp_path / "new.dbc").write_text(changed)
     document, _ = answered(capsys, "redecode", str(old), "--dbc", str(tmp_path / "new.dbc"))
     assert document["session"] == str(tmp_path / "s_redecoded.h5")
     assert old.read_bytes() == before
@@ -178,6 +177,8 @@ def test_a_session_is_decoded_anew_with_a_corrected_dbc(
         np.testing.assert_array_equal(now["hub_acc_fl"], 2 * was["hub_acc_fl"])
         np.testing.assert_array_equal(now["hub_acc_fr"], was["hub_acc_fr"])
     assert two.provenance["redecoded"] == one.provenance["uuid"] != two.provenance["uuid"]
+    document, _ = answered(capsys, "redecode", document["session"], bench)  # it names no DBC
+    assert daq.read_session(document["session"]).provenance["dbc"] == changed
 
 
 def test_frames_that_are_lost_in_a_run_are_exit_code_3_though_the_log_is_whole(
