@@ -113,6 +113,7 @@ class Log:
         self._journal_hops = HopLosses()
         self._held = FrameBatch.empty()  # last frame read: the one after it shows if it is a stray
         self._last_ns: int | None = None
+        self._strays = 0  # number of frames that were left out
         self._first_frame: tuple[int, int, bytes] | None = None
         self._shift_ns = 0  # is added to the time stamps of the present part
 
@@ -209,12 +210,15 @@ class Log:
         is_stray = np.abs(previous_ns - next_ns) <= RESTART_NS
         is_stray &= np.abs(batch.t_ns - previous_ns) > RESTART_NS
         is_stray &= np.abs(batch.t_ns - next_ns) > RESTART_NS
+        for row in np.flatnonzero(is_stray).tolist():  # between two strays a frame is in line
+            is_stray[row] = not is_stray[row - 1]
         n = int(is_stray.sum())
         if not n:
             return batch
         what = f"{counted(n, 'time stamp')} out of line with {plural(n, 'its', 'their')}"
-        frame_number = self.frames + int(np.flatnonzero(is_stray)[0]) + 1  # counted from 1
+        frame_number = self.frames + self._strays + int(np.argmax(is_stray)) + 1  # counted from 1
         self.loss.add(f"{what} neighbours, the first at frame {frame_number}", garbled=n)
+        self._strays += n
         return batch.select(~is_stray)
 
 

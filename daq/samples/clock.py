@@ -326,9 +326,6 @@ def stamped_times(
     spacing_s = gap_s[(gap_s > 0) & ~restarted]
     if len(spacing_s) < len(gap_s) / 3:  # two thirds of the frames repeat a stamp
         return arrival_times(t_ns, t0_ns)
-    rate = float(np.sum(elapsed_s[~restarted]) / np.sum(gap_s[~restarted]))
-    if not 0.8 < rate < 1.25:  # s of the bus per s of the sensor: its stated unit or wrap is wrong
-        return arrival_times(t_ns, t0_ns)
     # A microsecond around a restart, so that the times of samples increase.
     gap_s = np.where(restarted, np.maximum(elapsed_s, 1e-6), gap_s)
     cycle_s = float(np.median(spacing_s))
@@ -367,10 +364,10 @@ def _restarts(
 def _fitted_times(
     sensor_time: NDArray[np.float64], arrival_s: NDArray[np.float64], unit_s: float
 ) -> NDArray[np.float64]:
-    """Return the times of the samples of one part, s, (n,); of fewer than 20, their arrivals.
+    """Return the times of the samples of one part, s, (n,), on the line below the arrivals.
 
-    They lie on the line below the arrivals.  `sensor_time`: as in `_times_between_restarts`,
-    increasing.
+    Returns the arrivals of fewer than 20 samples, and of a clock that runs too far beside `unit_s`
+    to be an oscillator of that cycle.  `sensor_time`: as in `_times_between_restarts`, increasing.
     """
     if len(sensor_time) < _FEWEST:
         return arrival_s
@@ -380,6 +377,8 @@ def _fitted_times(
     middle_s, rate = lower_line(from_middle, since_s, unit_s, NOMINAL_TOLERANCE)
     if abs(rate / unit_s - 1) > 0.999 * NOMINAL_TOLERANCE:  # else wider limits change nothing
         wide_middle_s, wide_rate = lower_line(from_middle, since_s, unit_s, LARGEST_TOLERANCE)
+        if abs(wide_rate / unit_s - 1) > 0.999 * LARGEST_TOLERANCE:  # unit or cycle is stated wrong
+            return arrival_s
         # Believed only if it halves the mean delay, which is this because `from_middle` has mean 0.
         if np.mean(since_s) - middle_s > 2 * (np.mean(since_s) - wide_middle_s):
             middle_s, rate = wide_middle_s, wide_rate

@@ -352,7 +352,8 @@ def test_frames_and_the_share_that_was_read_are_counted(
     monkeypatch.setattr("daq.formats.reader.BLOCK_BYTES", 1 << 12)
     path = tmp_path / "a.log"
     lines = [f"(1.{n:06d}) can0 123#01\n" for n in range(500)]
-    lines[177] = "(5000.000) can0 123#01\n"  # the last of a block: out of line, and no later part
+    for row in (10, 12, 177):  # out of line, the last at the end of a block: no later part
+        lines[row] = "(5000.000) can0 123#01\n"
     path.write_text("".join(lines))
     log = Log([path])
     assert (log.read_fraction, log.frames) == (0.0, 0)
@@ -360,7 +361,8 @@ def test_frames_and_the_share_that_was_read_are_counted(
     assert seen[0][1] < 500
     assert 0.0 < seen[0][0] < 1.0
     assert [share for share, _ in seen] == sorted(share for share, _ in seen)
-    assert (log.read_fraction, log.frames, log.loss.garbled, log.remarks) == (1.0, 499, 1, [])
+    assert (log.read_fraction, log.frames, log.loss.garbled, log.remarks) == (1.0, 497, 3, [])
+    assert [t.split("at frame ")[-1] for t in log.loss.text.split("; ")] == ["11", "178"]
 
 
 def test_a_log_without_a_frame_is_refused(tmp_path: Path) -> None:
