@@ -124,7 +124,6 @@ def noise(
     known_geometry: Annotated[
         bool, Option("--known-geometry", help="a, b, t_f, t_r known.")
     ] = False,
-    added_mass: Annotated[bool, Option(help="Bump with added mass, too.")] = True,
     fits: Fits = 100,
     seed: Seed = 1,
     workers: Workers = 2,
@@ -134,7 +133,6 @@ def noise(
     from daq import FORD_GRANADA, Excitation
     from dbc import InputError
     from identify.study.campaign import (
-        PAPER_MASS_STATES,
         SENSOR_SETS,
         Campaign,
         bound_percent,
@@ -154,7 +152,6 @@ def noise(
         cases=tuple(map(Excitation, names)),
         groups=SENSOR_SETS[sensors],
         geometry=FORD_GRANADA.geometry if known_geometry else None,
-        mass_states=PAPER_MASS_STATES if added_mass else PAPER_MASS_STATES[:1],
     )
     bound = bound_percent(campaign)
     with output.progress("noise") as stage:
