@@ -235,9 +235,7 @@ def test_patience_begins_anew_with_each_frame(clock: FalseTime) -> None:
     assert clock.slept_s == pytest.approx([0.0005, 0.001, 0.002] * 2)
 
 
-def test_a_read_waits_as_long_as_asked_at_most_and_until_frames_gather(
-    clock: FalseTime,
-) -> None:
+def test_a_read_waits_as_long_as_asked_at_most_and_until_frames_gather(clock: FalseTime) -> None:
     source = RecordedSource(frames_after([0, 0.001, 0.5]), 0, 1.0, 0)
     assert len(source.read(0.3)) == 0
     assert source.read(9.0).can_id.tolist() == [0]

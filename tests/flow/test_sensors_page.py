@@ -129,9 +129,7 @@ def until_checked(reader: Reader) -> list[str]:
     return rest
 
 
-def test_a_proposed_bench_records_to_its_end_although_a_run_is_rejected(
-    tmp_path: Path,
-) -> None:
+def test_a_proposed_bench_records_to_its_end_although_a_run_is_rejected(tmp_path: Path) -> None:
     """Steps 2 to 6 of the page without its buses: its edits, weights, a bump struck twice."""
     proposed = propose_sensors(DATABASES, wild_bench().buses, *rest_and_pushes())
     (tmp_path / "bench.toml").write_text(proposed.text, "utf-8")

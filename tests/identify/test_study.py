@@ -415,9 +415,7 @@ def _damping_by_forces(c_front: float, c_rear: float) -> NDArray[np.float64]:
 @pytest.mark.parametrize(
     "dM", [PAPER, delta_mass(AddedMass(SKEWED), FORD_GRANADA.a).real], ids=["paper", "full"]
 )
-def test_each_way_to_the_damping_finds_the_dampers_of_its_own_runs(
-    dM: NDArray[np.float64],
-) -> None:
+def test_each_way_to_the_damping_finds_the_dampers_of_its_own_runs(dM: NDArray[np.float64]) -> None:
     """The dampers are warmer in the loaded runs: 1500 and 1400 first, then 1300 and 1700 N s/m."""
     cold, warm = _damping_by_forces(1500.0, 1400.0), _damping_by_forces(1300.0, 1700.0)
     lower = [

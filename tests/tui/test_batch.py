@@ -47,9 +47,7 @@ def _interrupt() -> None:
     raise KeyboardInterrupt
 
 
-def test_a_row_for_each_and_then_no_more(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_a_row_for_each_and_no_more(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     folder, out = tmp_path / "sessions", tmp_path / "table.csv"
     write_all(folder / "monday", refused_session, 3)
     (folder / "bad.h5").write_text("no session\x1b[31m")

@@ -127,9 +127,7 @@ def test_an_interface_that_only_fails_has_gone_and_its_last_frames_are_returned(
 
 
 @pytest.mark.parametrize(("pieces", "has_gone"), [(9_999, False), (10_000, True)])
-def test_ten_thousand_unreadable_pieces_are_a_bus_that_has_gone(
-    pieces: int, has_gone: bool
-) -> None:
+def test_ten_thousand_unreadable_pieces_are_a_bus_that_is_gone(pieces: int, has_gone: bool) -> None:
     source = source_of(*[parse_error()] * pieces, frame(1))
     if has_gone:
         with pytest.raises(BusError, match="has gone"):

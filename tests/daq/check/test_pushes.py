@@ -263,9 +263,7 @@ def test_the_pushes_show_every_way_to_mount_an_imu() -> None:
 
 
 @pytest.mark.parametrize(("roll", "sure"), [(-0.35, True), (-0.3, False)])
-def test_forward_explains_the_pushes_twice_as_well_as_the_next_best(
-    roll: float, sure: bool
-) -> None:
+def test_forward_explains_pushes_twice_as_well_as_the_next_best(roll: float, sure: bool) -> None:
     """A push at the front left turns by 1 about y: forward fits by 1 - roll, right by 1 + roll."""
     for size in (1.0, 100.0):
         found = mounting(UP, {FL: {"x": roll * size, "y": size}})

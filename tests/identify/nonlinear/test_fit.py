@@ -164,9 +164,7 @@ VEHICLES = tuple(TRUTH * np.where(np.arange(15) == 0, kg / TRUTH[0], 1.0) for kg
     ("body_kg", "kept_kg"),
     [(240.0, 1000.0), (260.0, 260.0), (7900.0, 7900.0), (8100.0, 1000.0), (3e4, 1000.0)],
 )
-def test_masses_and_forces_of_no_vehicle_are_scaled_together(
-    body_kg: float, kept_kg: float
-) -> None:
+def test_masses_and_forces_of_no_vehicle_scale_together(body_kg: float, kept_kg: float) -> None:
     full = granada()
     full[0] = body_kg
     eta = BOX.unknowns_of(full)

@@ -31,6 +31,7 @@ from identify import Identification, Verdict, identify, identify_parameters
 from identify.decays.decay import GUARD_S, decay_start_s, record_of
 from identify.decays.usable import usable
 from identify.fit.uncertainty import estimates
+from identify.trust import trials
 from identify.trust.causes import judge
 from identify.trust.inputs import (
     contradictions,
@@ -577,3 +578,14 @@ def test_intervals_cover_where_no_sigma_of_a_weight_is_stated(car: str, change: 
         for name, value in asdict(CARS[car]).items():
             within.append(result.parameters[name].low < value < result.parameters[name].high)
     assert 0.93 < np.mean(within) < 0.98
+
+
+@pytest.mark.parametrize(("surplus", "is_explained"), [(0.11, False), (0.13, True)])
+def test_a_mistyped_weight_adds_an_eighth_of_what_the_other_runs_leave(
+    surplus: float, is_explained: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A change that takes all of it explains it."""
+    monkeypatch.setattr(
+        trials, "_wrong_weight", lambda _, explains, __: explains(1, 1 + surplus, 1)
+    )
+    assert trials.mistyped_weight(fitted(stress_session("linear", 1, 100.0))) is is_explained
