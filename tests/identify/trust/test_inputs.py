@@ -588,4 +588,5 @@ def test_a_mistyped_weight_adds_an_eighth_of_what_the_other_runs_leave(
     monkeypatch.setattr(
         trials, "_wrong_weight", lambda _, explains, __: explains(1, 1 + surplus, 1)
     )
-    assert trials.mistyped_weight(fitted(stress_session("linear", 1, 100.0))) is is_explained
+    session = stress_session("linear", 1, 100.0)
+    assert bool(trials.mistyped_weight(fitted(session))) is is_explained
