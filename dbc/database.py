@@ -250,11 +250,13 @@ class _DbcText:
         row = text.count("\n", 0, offset)
         filled = [i for i, line in enumerate(self._lines[: row + 1]) if line.strip()]
         text_before_error = text[text.rfind("\n", 0, offset) + 1 : offset].strip()
+        # Refused within the line, at the end after the last one, or in the only one.
         if text_before_error or filled[-1] < row or not filled[1:]:
             return filled[-1]
         keyword, keyword_before = (self._keyword(i) for i in (filled[-1], filled[-2]))
         if keyword == "SG_" and keyword_before not in ("BO_", "SG_"):  # itself wrong in this place
             return filled[-1]
+        # A line that begins no statement is itself wrong.
         return filled[-2] if keyword in _DECISIVE | _HARMLESS | {"BO_", "SG_"} else filled[-1]
 
     def _leave_out_strays(self, complaint: str) -> bool:

@@ -271,7 +271,7 @@ def _guess_rotation(s: Candidate) -> Guess:
 
 
 def _guess_length(s: Candidate) -> Guess | None:
-    """Return a guess for a length; None if it is large, or its name is not one of a travel."""
+    """Return a guess for a length; None if it is large, or neither corner nor name say travel."""
     # Twice the reading at rest, because a span has both ends: -1 m to 1 m.
     span_m = s.span if s.level is None else 2.0 * abs(s.level)
     if words(s.full) & _NO_TRAVEL or (span_m or 0.0) > 2 * _FARTHEST_M:

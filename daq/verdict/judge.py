@@ -50,8 +50,8 @@ def judge(
     the sensors allow, also if it passed; without samples only of silence.  The run is good if all
     passed; the first failed check is the likeliest cause of the others.
     """
-    made = replace(bench.campaign, method=bench.campaign.method_of(step.excitation))
-    bench = replace(bench, campaign=made)
+    method = bench.campaign.method_of(step.excitation)
+    bench = replace(bench, campaign=replace(bench.campaign, method=method))
     signals = traces(bench.channels, window)
     if not signals:
         findings = list(checks.stale(bench, window, signals))
@@ -64,6 +64,7 @@ def judge(
     findings += checks.not_decayed(bench, window, signals)
     findings += checks.rest_changed(bench, window, signals)
     findings += not_repeatable(signals, measure, accepted) if accepted else ()
+    # The wheels show the kind more clearly than the body, whose pattern is the last.
     purity = bump_patterns[0].likeness[step.excitation] if bump_patterns else None
     wave = body_wave(signals, bench.campaign.bump_s)
     return (*findings, _motion(signals, wave, purity)), measure

@@ -263,12 +263,13 @@ def realised_modes(
     blocks = min(max(_LEAST_BLOCKS, round(column_s * rate_hz)), shortest // 2)
     space = delay_space(decays, rate_hz, Delays(blocks, 1))
     if order is None:
-        noise = 2.858 * np.median(space.strength)  # Gavish and Donoho 2014
+        # Gavish and Donoho 2014, of a square matrix: for a longer one it is on the safe side.
+        noise = 2.858 * np.median(space.strength)
         rounding = 1e-11 * float(space.strength[0])
         order = int(np.sum(space.strength > max(noise, rounding)))
     # The regression is between the first and the last `blocks - 1` delays.
     most = min(space.directions.shape[1], (blocks - 1) * space.n_channels)
-    if not 0 <= order <= most:
+    if not 0 <= order <= most:  # 0 where nothing stands out from the noise
         raise InputError(_WHERE, f"the order is {order}", f"give 1 to {most}")
     poles, shapes = poles_of_rank(space, order)
     is_mode = (poles.imag > 0.0) & (poles.real < 0.0)

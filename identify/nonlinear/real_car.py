@@ -329,7 +329,10 @@ class NonlinearEngine:
 
 
 def residuals_of(point: Point) -> tuple[Residuals, ...]:
-    """Return the residuals of each decay, SI, with the degrees of freedom of each channel."""
+    """Return the residuals of each decay, SI, and of each channel the degrees of freedom left.
+
+    Those that the unknowns of the vehicle use are not subtracted.
+    """
     result = []
     runs, blocks = point.problem.runs, point.normal.blocks
     for run, predicted, block in zip(runs, point.predicted, blocks, strict=True):
@@ -342,7 +345,8 @@ def residuals_of(point: Point) -> tuple[Residuals, ...]:
             for c, channel in enumerate(r.group.channels):
                 values[channel.name] = misfits[:, c] / weight[c]
                 J_own = J[:, c, :n_own]
-                n_used = float(np.sum((J_own @ inverse_A) * J_own))
-                freedom[channel.name] = len(misfits) - basis.shape[1] - n_used
+                n_used = float(np.sum((J_own @ inverse_A) * J_own))  # the share of this channel
+                n_fitted = basis.shape[1]  # offset and transients of the low-pass
+                freedom[channel.name] = len(misfits) - n_fitted - n_used
         result.append(Residuals(run.decay.label, values, freedom))
     return tuple(result)

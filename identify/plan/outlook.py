@@ -203,6 +203,7 @@ def _reasons(fisher: Fisher, H: NDArray[np.float64], undetermined: list[str]) ->
     unseen = [name for name, information in pairs if information < largest_std(name) ** -2]
     # All masses, springs and dampers larger by one factor: the free decays stay as they are.
     scaled = [name for name in names if name[0] in "mIkc"]
+    # A factor adds the same to every unknown, which is a logarithm, but that of `SIGNED` is not.
     change = {name: fisher.eta[i] if name in SIGNED else 1.0 for i, name in enumerate(names)}
     direction = np.array([change[name] * (name in scaled) for name in names])
     is_scale_open = float(direction @ H @ direction) < LARGEST_SHARE**-2

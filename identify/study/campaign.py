@@ -213,8 +213,8 @@ def _stds_percent(parameters: dict[str, Estimate]) -> Floats:
 
 def noise_study(campaign: Campaign, bound: Floats, outcomes: Sequence[Outcome]) -> Study:
     """Return the statistics of many campaigns; `bound`, (15,): as `bound_percent` has it."""
-    names = PARAMETER_NAMES if campaign.geometry is None else PARAMETER_NAMES[:11]
-    n, bound = len(names), bound[: len(names)]
+    n = len(PARAMETER_NAMES) - (4 if campaign.geometry else 0)  # the lengths, if given, are last
+    names, bound = PARAMETER_NAMES[:n], bound[:n]
     identified = [outcome for outcome in outcomes if not outcome.lost]
     rms = stated_rms = coverage = np.full(n, np.nan)
     if identified:
@@ -234,7 +234,7 @@ def noise_study(campaign: Campaign, bound: Floats, outcomes: Sequence[Outcome]) 
         notes += [
             f"rms error {rms.max():.3f} % at most; {ratio.min():.3f} .. {ratio.max():.3f} times"
             f" the bound, {sqrt(np.mean(ratio**2)):.3f} in the mean square",
-            f"95 % intervals hold the truth in {coverage.mean():.1f} % of all cases",
+            f"95 % intervals hold the truth {coverage.mean():.1f} % of the time",
         ]
     return Study(
         title=f"Noise study: {counted(len(outcomes), 'campaign')} at {campaign.noise_db:g} dB,"

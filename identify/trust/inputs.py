@@ -290,14 +290,16 @@ class _Stated:
         """Slopes of what is stated by the unknowns, in its sigmas, (n_stated, P)."""
         self.misfits = np.concatenate([fact_misfits, -deviations])
         """Stated less fitted, in its sigmas, (n_stated,)."""
-        # Not the covariance of the fit: what widens that does not draw the fit to what is stated.
+        # Not the covariance of the fit, which is wider for unstated scatter and laws: these do not
+        # change by how much the fit follows the statements.
         covariance = covariance_of(np.sum(list(estimation.fit.information.values()), axis=0))
         self.covariance = np.where(np.isfinite(covariance), covariance, 0.0)
         """Covariance of the unknowns by noise and statements, zero for those not released."""
+        # Errors of the laws of a real car move the fit, but show in no residual.
         laws = np.zeros_like(covariance) if estimation.laws is None else estimation.laws
         noise = np.eye(len(self.rows)) - self.rows @ self.covariance @ self.rows.T
-        self.redundancy = noise + self.rows @ laws @ self.rows.T
-        """Covariance of the misfits, (n_stated, n_stated)."""
+        self.misfit_covariance = noise + self.rows @ laws @ self.rows.T
+        """Of a right statement, in its sigmas, (n_stated, n_stated)."""
 
     def sizes(self, directions: Sequence[Real]) -> tuple[Real, dict[str, float]]:
         """Return by what multiple of each of k directions, (n_stated,), statements are off, (k,).
@@ -305,7 +307,7 @@ class _Stated:
         Then the change of each parameter's unknown (`Cause.moved`) without these statements.
         """
         D = np.column_stack(directions)  # (n_stated, k)
-        sizes = np.linalg.solve(D.T @ self.redundancy @ D, D.T @ self.misfits)
+        sizes = np.linalg.solve(D.T @ self.misfit_covariance @ D, D.T @ self.misfits)
         changes = -self.covariance @ (self.rows.T @ (D @ sizes))
         return sizes, dict(zip(self.parameters, changes.tolist(), strict=False))
 
@@ -342,7 +344,7 @@ def contradictions(estimation: Estimation) -> tuple[Contradiction, ...]:
     stated = _Stated(estimation)
     unit = 1.0 if estimation.holds else np.sqrt(max(1.0, estimation.chi2_per_n))
     # Covariance of the misfits, (n_stated, n_stated), and k suspected directions, (n_stated, k).
-    misfits, Q = stated.misfits / unit, stated.redundancy
+    misfits, Q = stated.misfits / unit, stated.misfit_covariance
     names, D = _suspects(estimation.box)
     first_variance = np.einsum("ik,ij,jk->k", D, Q, D)  # of the misfit in each direction
     squared_length = np.maximum(np.einsum("ik,ik->k", D, D), 1e-300)

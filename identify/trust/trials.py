@@ -88,7 +88,7 @@ def refit(
     """
     decays = []
     for decay in estimation.decays:
-        thin = decay.thinned(250.0)
+        thin = decay.thinned(250.0)  # Hz
         cut = replace(thin, recordings=tuple(r.between(0.0, length_s) for r in thin.recordings))
         changed = with_channels(cut, trial.channel)
         if changed.recordings:

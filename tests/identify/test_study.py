@@ -262,7 +262,7 @@ def test_a_noise_study_sums_up_the_campaigns_that_are_not_lost() -> None:
         "lost: 3 of 5 (not converged, chi2/n above 1.5, or a standard deviation above 25 %)",
         f"rms error 2.236 % at most; 0.894 .. 1.000 times the bound, {ratio:.3f} in the mean "
         "square",
-        "95 % intervals hold the truth in 96.7 % of all cases",
+        "95 % intervals hold the truth 96.7 % of the time",
     )
 
 
