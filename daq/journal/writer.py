@@ -17,7 +17,6 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import cache
 from itertools import islice
 from math import inf
 from pathlib import Path
@@ -31,7 +30,15 @@ from ..bus.source import HopLosses
 from ..control.messages import DiskStatus
 from ..runlog import Code
 from ..runs import Event
-from .reader import RecordingInfo, deleted_blocks, deleted_event, next_segment, scan, segments_in
+from .reader import (
+    RecordingInfo,
+    SegmentInfo,
+    deleted_blocks,
+    deleted_event,
+    next_segment,
+    scan,
+    segments_in,
+)
 from .segment import (
     ENDED,
     Block,
@@ -100,7 +107,7 @@ class JournalWriter:
         self._is_full = False
         self._sizes: dict[Path, int] = {}
         """Sizes of the segments in the folder except the open one, bytes."""
-        self._scan = cache(scan)
+        self._infos: dict[Path, SegmentInfo] = {}  # of segments that may be deleted
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._measure()
@@ -402,7 +409,7 @@ class JournalWriter:
             if excess_bytes <= 0:
                 return
             try:
-                info = self._scan(path)
+                info = self._infos[path] = self._infos.get(path) or scan(path)
             except InputError:  # a file of another program, or it does not exist
                 self._sizes.pop(path)
                 continue
@@ -416,6 +423,7 @@ class JournalWriter:
             with suppress(OSError):
                 path.unlink()
             excess_bytes -= self._sizes.pop(path)
+            del self._infos[path]
             self._written = [segment for segment in self._written if segment.path != path]
 
     def _report_deleted(self, deleted: Summary) -> None:

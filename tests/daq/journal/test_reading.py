@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from dataclasses import fields, replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from daq.bus.source import HopLosses
 from daq.journal.reader import (
     HopCounts,
     JournalLoss,
+    SegmentInfo,
     deleted_event,
     last_recording,
     next_segment,
@@ -418,6 +420,7 @@ def test_the_oldest_goes_when_there_is_too_much_and_it_is_no_loss(tmp_path: Path
         for k in range(3):
             writer.maintain(float(k))
         assert writer.status.warning == ""
+        assert old[0] not in [o.path for o in gc.get_objects() if type(o) is SegmentInfo]
     assert [path.exists() for path in old[:2]] == [False, True]
     assert not read_journal(writer.paths).lost.any
     # Of the old recording itself, blocks are missing now.

@@ -335,11 +335,9 @@ def is_arrival(times: SensorTimes, arrival_s: Array) -> bool:
     return bool(np.abs(times.time_s - arrival_s).max() < 1e-8)
 
 
-@pytest.mark.parametrize(
-    ("rate", "fitted"),
-    [(0.5, False), (0.94, False), (0.96, True), (1.04, True), (1.06, False), (2.0, False)],
-)
-def test_a_clock_that_runs_by_more_than_a_twentieth_off_is_none(rate: float, fitted: bool) -> None:
+@pytest.mark.parametrize("rate", [0.5, 0.94, 0.96, 1.04, 1.06, 2.0])
+def test_a_clock_that_runs_by_more_than_a_twentieth_off_is_none(rate: float) -> None:
+    fitted = abs(rate - 1.0) < 0.05
     taken = np.arange(400.0) * SET_CYCLE_S
     arrival = late(taken)
     for times in (

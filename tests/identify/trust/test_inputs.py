@@ -584,7 +584,6 @@ def test_intervals_cover_where_no_sigma_of_a_weight_is_stated(car: str, change: 
 def test_a_mistyped_weight_adds_an_eighth_of_what_the_other_runs_leave(
     surplus: float, is_explained: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A change that takes all of it explains it."""
     monkeypatch.setattr(
         trials, "_wrong_weight", lambda _, explains, __: explains(1, 1 + surplus, 1)
     )
