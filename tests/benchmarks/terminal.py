@@ -19,7 +19,7 @@ import sys
 import termios
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -53,10 +53,10 @@ def publish(folder: str) -> None:
         recorder.judge()
     recorder.phase = Phase.ARMED
 
+    pool = ThreadPoolExecutor(1)  # the server's own thread runs a loop already
+
     def submit(order: Order, _: str) -> Future[Reply]:
-        answer: Future[Reply] = Future()
-        answer.set_result(asyncio.run(recorder.ask(order)))
-        return answer
+        return pool.submit(asyncio.run, recorder.ask(order))
 
     server = Server(submit, control_address(Path(folder)))
     status = recorder.status
