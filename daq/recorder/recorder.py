@@ -103,6 +103,7 @@ class Derivation:
     def __init__(self) -> None:
         self.status = SessionStatus()
         """State of the session file that was ordered last."""
+        self._last_orders: dict[str, SessionStatus] = {}  # of each file
         self._builder = ThreadPoolExecutor(1, "derivation")
         self._process: subprocess.Popen[bytes] | None = None
         self._is_closed = False
@@ -113,6 +114,7 @@ class Derivation:
         `recording`: its identity.  `revision`: present revision of its run log.
         """
         self.status = SessionStatus(SessionState.BUILDING, str(target), "", recording, revision)
+        self._last_orders[str(target)] = self.status
         self._builder.submit(self._build, self.status, tuple(segments))
 
     def close(self) -> None:
@@ -124,7 +126,7 @@ class Derivation:
 
     def _build(self, ordered: SessionStatus, segments: Sequence[Path]) -> None:
         """Build a session file, unless the same file was ordered again: that has all runs."""
-        if self.status is not ordered and self.status.path == ordered.path:
+        if self._last_orders[ordered.path] is not ordered:
             return
         state, text = self._built(ordered.path, segments)
         if self.status is ordered:  # else another session file was ordered meanwhile

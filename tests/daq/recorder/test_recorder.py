@@ -412,12 +412,12 @@ def test_of_one_file_only_the_last_order_waits_and_the_status_is_of_the_last_fil
         "#!/bin/sh\nwhile test ! -e $0.go; do sleep 0.01; done; echo $3 >> $0.built\n"
     )
     derivation = Derivation()
-    for target, revision in (("a.h5", 1), ("b.h5", 2), ("c.h5", 3), ("b.h5", 4)):
+    for revision, target in enumerate(["a.h5", "b.h5", "c.h5", "b.h5", "d.h5"], 1):
         derivation.begin(Path(target), [], "one", revision)
         assert derivation.status == SessionStatus(BUILDING, target, "", "one", revision)
     builder.with_suffix(".go").touch()
-    assert outcome(derivation) == SessionStatus(READY, "b.h5", "", "one", 4)
-    assert builder.with_suffix(".built").read_text().split() == ["a.h5", "c.h5", "b.h5"]
+    assert outcome(derivation) == SessionStatus(READY, "d.h5", "", "one", 5)
+    assert builder.with_suffix(".built").read_text().split() == ["a.h5", "c.h5", "b.h5", "d.h5"]
     derivation.close()
 
 
