@@ -357,7 +357,7 @@ class AskBench:
 class AskCheck:
     """Ask for the bench check over the last seconds of traffic."""
 
-    seconds: float = 5.0
+    seconds: float
 
 
 # Orders on the recording --------------------------------------------------------------------------
