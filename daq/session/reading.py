@@ -420,8 +420,8 @@ def check_session(session: Session) -> Iterator[Finding]:
     """Yield findings on contradictions and implausible values in a session."""
     for state in session.mass_states:
         matrix, where = state.added.matrix, f"/mass_states/{state.name}"
-        # Not symmetric beyond rounding, or not a number, which is below no limit.
-        if not np.all(np.abs(matrix - matrix.T) <= 1e-9 * np.abs(matrix).max()):
+        largest = np.abs(matrix).max()  # what is not a number is below no limit
+        if not (largest < np.inf and np.all(np.abs(matrix - matrix.T) <= 1e-9 * largest)):
             yield _finding(where, "delta_mass is not finite and symmetric")
     names = [channel.name for channel in session.channels]
     for name in sorted({name for name in names if names.count(name) > 1}):

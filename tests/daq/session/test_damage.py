@@ -337,7 +337,7 @@ def _with_mass(added: AddedMass) -> list[tuple[str, str]]:
 
 @pytest.mark.parametrize(
     ("largest", "apart", "good"),
-    [(1.0, 0.9e-9, True), (1.0, 1.1e-9, False), (1e6, 0.9e-3, True), (1.0, np.nan, False)],
+    [(1, 0.9e-9, True), (1, 1.1e-9, False), (1e6, 0.9e-3, True), (1, np.nan, 0), (1, np.inf, 0)],
 )
 def test_a_mass_matrix_is_finite_and_symmetric(largest: float, apart: float, good: bool) -> None:
     matrix = largest * np.eye(7)
