@@ -180,7 +180,7 @@ class GreyBox:
     def unknowns_of(self, full: Real) -> Real:
         """Return the vector of unknowns, (P,), for full parameters, (28,), and no correction.
 
-        Where the structure has one parameter for both corners, it is their geometric mean.
+        One parameter for both corners is their geometric mean; of `SIGNED`, it is the left one's.
         """
         to_full = expansion(self.structure)
         eta = np.zeros(len(self.prior_sigma))

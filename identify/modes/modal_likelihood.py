@@ -204,7 +204,8 @@ def _roots(normal: Real, squares: Real | None = None) -> tuple[Real, Real]:
     Of each complex unknown the real part is in the first half, the imaginary part in the second.
     Unknowns without effect are zero in both roots; what rounding decides is held by a ridge.
 
-    `squares`, (.., k): sums of squares of which rounding is a share, by default the matrices' own.
+    `squares`, (.., k): sums of squares before anything was subtracted, of which rounding is a
+    share; by default those on the matrices' diagonals.
     """
     diagonal = np.einsum("...ii->...i", normal)
     if squares is None:

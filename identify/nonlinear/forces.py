@@ -180,7 +180,7 @@ def axle_forces(
 def _curve(car: Car, left_corner: int, speed: Real, covariance: Real) -> DamperCurve:
     """Return the curve of an axle's dampers at some speeds, (n,) m/s, compression positive.
 
-    Both forces are the mean of the sides; a damper with parameters for each side is the left one.
+    The damper is that of the left corner, its friction the mean of both.  `covariance`: (F, F).
     """
     # Coefficients of the left corner, (n_coefficients,), and their slopes by the unknowns, (.., F).
     p, d = car.corner[left_corner], car.d_corner[left_corner]

@@ -366,7 +366,7 @@ def _changes(box: GreyBox) -> Iterator[_Change]:
 
     The true mass or place is near one of them.
     """
-    a, b = generic_vehicles()[0][11:13].tolist()  # m, distances of the axles from the CG
+    a, b = generic_vehicles()[0][11:13].tolist()  # m; `x_m` is from the front axle
     for state in box.mass_states:
         for i, w in enumerate(state.added.weights):
             others: list[Weight] = [

@@ -96,6 +96,7 @@ class Control:
 
         `now_s`: of a clock that is never set.
         """
+        # Those of the last minute, as the refusal says.
         self._wrong_s = [wrong_s for wrong_s in self._wrong_s if now_s - wrong_s < 60.0]
         if len(self._wrong_s) >= TRIES:
             return "", "too many wrong numbers: wait a minute"

@@ -165,7 +165,7 @@ class _Daemon:
         """End the recorder if it is time, give it orders, and report its last status."""
         end = self.lifetime.end
         needs_terminal = self.lifetime.attended and not end.is_set()
-        if needs_terminal and self.server.alone_s() > 10.0:
+        if needs_terminal and self.server.alone_s() > 10.0:  # a new one may come
             self.log.line("the last terminal has gone, and a demonstration ends with it")
             end.set()
         if end.is_set() and (self.lifetime.keep_on or self._status is None):
