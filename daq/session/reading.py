@@ -263,6 +263,8 @@ def _read_mass_state(content: Content, path: str) -> MassState:
         else:
             weights.append(BodyWeight(**row))
     matrix = _values(content, f"{path}/delta_mass", "f8", (7, 7))
+    if not np.all(np.isfinite(matrix)):  # no model of the vehicle could be evaluated
+        raise ValueError(f"{path}/delta_mass is not finite")
     return MassState(path.rpartition("/")[2], AddedMass(tuple(weights), matrix))
 
 

@@ -290,6 +290,7 @@ def _instead(name: str, values: object) -> Callable[[h5py.File], None]:
             "/channels",
             "does not describe hub_fl",
         ),
+        (_instead("mass_states/added/delta_mass", np.full((7, 7), np.inf)), "/", "not finite"),
         (_instead("channels/x_m", np.zeros(9)), "/", "zip()"),
         (_instead(f"{HUB}/hub_fl", np.zeros(499)), "/", "has shape (499,)"),
         (_attribute(RUN, "excitation", "sneeze"), "/", "sneeze"),
